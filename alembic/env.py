@@ -1,0 +1,21 @@
+"""Alembic's entry: runs migrations on the connection it is handed, or on TIDEMAP_DATABASE_URL from the command line."""
+
+from alembic import context
+from app.settings import Settings
+from app.storage.engine import open_writer
+from app.storage.tables import metadata
+
+
+def run(connection: object) -> None:
+    """Migrate on one connection, in its transaction."""
+    context.configure(connection=connection, target_metadata=metadata, render_as_batch=True)
+    with context.begin_transaction():
+        context.run_migrations()
+
+
+handed = context.config.attributes.get("connection")
+if handed is not None:
+    run(handed)
+else:
+    with open_writer(Settings().url).begin() as connection:
+        run(connection)

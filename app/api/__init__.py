@@ -1,0 +1,1 @@
+"""HTTP and WebSocket: schema in, one service call, schema out."""

@@ -1,0 +1,56 @@
+"""What routes depend on: the context, bodies within their limit, times and cursors of queries."""
+
+from typing import Annotated
+
+from fastapi import Depends, Query, Request
+
+from app.api.auth import require
+from app.api.bodies import read_body
+from app.errors import InvalidInputError
+from app.ingest.observation import Body
+from app.schemas.common import parse_time
+from app.services.context import Context
+from app.services.keys import Principal
+
+
+def context(request: Request) -> Context:
+    """The context of this server."""
+    ctx: Context = request.app.state.ctx
+    return ctx
+
+
+async def body(request: Request) -> Body:
+    """The unpacked body of a request, within the limit."""
+    ctx: Context = request.app.state.ctx
+    content = await read_body(request, ctx.settings.max_body_bytes)
+    media_type = request.headers.get("content-type", "application/json").partition(";")[0].strip().lower()
+    return Body(content, media_type)
+
+
+def query_time(name: str, value: str | None) -> float | None:
+    """Unix seconds of a query parameter. Raises InvalidInputError naming it."""
+    if value is None:
+        return None
+    try:
+        return parse_time(value)
+    except ValueError as error:
+        raise InvalidInputError.at(name, str(error)) from None
+
+
+def cursor(name: str, value: str | None) -> int | None:
+    """The id in a cursor. Raises InvalidInputError naming it."""
+    if value is None:
+        return None
+    if not (value.isascii() and value.isdigit() and len(value) < 19):
+        raise InvalidInputError.at(name, "give the `next` of the page before, or the id of an item")
+    return int(value)
+
+
+Ctx = Annotated[Context, Depends(context)]
+BodyIn = Annotated[Body, Depends(body)]
+Robot = Annotated[Principal, Depends(require("robot"))]
+Operator = Annotated[Principal, Depends(require("operator"))]
+Admin = Annotated[Principal, Depends(require("admin"))]
+TimeQuery = Annotated[str | None, Query(description="Unix seconds, or ISO 8601 with a zone.")]
+Limit = Annotated[int, Query(ge=1, le=1000)]
+After = Annotated[str | None, Query(description="The `next` of the page before.")]

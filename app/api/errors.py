@@ -1,0 +1,147 @@
+"""From domain errors to problem documents (RFC 9457)."""
+
+import logging
+from collections.abc import Mapping
+from http import HTTPStatus
+from typing import Any
+
+import orjson
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from sqlalchemy.exc import OperationalError
+from starlette.exceptions import HTTPException
+from starlette.responses import Response
+
+from app import errors
+from app.schemas.common import Problem, ProblemField
+
+log = logging.getLogger(__name__)
+MEDIA_TYPE = "application/problem+json"
+
+STATUS: Mapping[type[Exception], int] = {
+    errors.NotFoundError: 404,
+    errors.ConflictError: 409,
+    errors.UnreadableBodyError: 400,
+    errors.UnsupportedMediaTypeError: 415,
+    errors.BodyTooLargeError: 413,
+    errors.InvalidInputError: 422,
+    errors.UnauthorizedError: 401,
+    errors.ForbiddenError: 403,
+    errors.BusyError: 503,
+    errors.CorruptChunkError: 500,
+    errors.SchemaVersionError: 503,
+}
+
+
+def look_up(table: Mapping[type[Exception], int], error: Exception, default: int) -> int:
+    """The entry of the error's class or of the nearest of its bases."""
+    return next((table[base] for base in type(error).__mro__ if base in table), default)
+
+
+def problem_response(status: int, problem: Problem, headers: Mapping[str, str] | None = None) -> Response:
+    """The response of a problem document."""
+    content = orjson.dumps(problem.model_dump(exclude_none=True))
+    return Response(content, status, headers, media_type=MEDIA_TYPE)
+
+
+def install(app: FastAPI) -> None:
+    """Answer every error of the app with a problem document."""
+    app.add_exception_handler(errors.TidemapError, _domain)
+    app.add_exception_handler(RequestValidationError, _validation)
+    app.add_exception_handler(HTTPException, _http)
+    app.add_exception_handler(OperationalError, _database)
+    app.add_exception_handler(Exception, _unexpected)
+
+
+def _domain(request: Request, error: Exception) -> Response:
+    if not isinstance(error, errors.TidemapError):
+        raise error
+    return domain_response(request.url.path, error)
+
+
+def domain_response(path: str, error: errors.TidemapError) -> Response:
+    """The problem document of a domain error at a path."""
+    status = look_up(STATUS, error, 500)
+    if status == HTTPStatus.INTERNAL_SERVER_ERROR:
+        log.error("%s: %s", path, error)
+    fields = error.errors if isinstance(error, errors.InvalidInputError) else ()
+    problem = Problem(
+        type=f"urn:tidemap:problem:{error.code}",
+        title=error.title,
+        status=status,
+        detail=str(error),
+        instance=path,
+        errors=[ProblemField(field=each.field, message=each.message) for each in fields] or None,
+    )
+    return problem_response(status, problem, _headers(error))
+
+
+def _headers(error: Exception) -> dict[str, str]:
+    if isinstance(error, errors.UnauthorizedError):
+        return {"WWW-Authenticate": "Bearer"}
+    if isinstance(error, errors.BusyError):
+        return {"Retry-After": str(error.retry_after_s)}
+    if isinstance(error, errors.BodyTooLargeError):
+        return {"Connection": "close"}
+    return {}
+
+
+def _validation(request: Request, error: Exception) -> Response:
+    if not isinstance(error, RequestValidationError):
+        raise error
+    details = error.errors()
+    unreadable = next((each for each in details if each["type"] == "json_invalid"), None)
+    if unreadable is not None:
+        reason = unreadable.get("ctx", {}).get("error", "")
+        return _domain(request, errors.UnreadableBodyError(f"The body is no JSON: {reason}."))
+    fields = [errors.FieldError(_place(each["loc"]), _message(each)) for each in details]
+    return _domain(request, errors.InvalidInputError(*fields))
+
+
+def _place(location: tuple[Any, ...]) -> str:
+    parts = [str(part) for part in location[1:] if part not in ("function-before", "function-after")]
+    return ".".join(parts) or str(location[0])
+
+
+def _message(detail: Mapping[str, Any]) -> str:
+    message = str(detail["msg"]).removeprefix("Value error, ")
+    if detail["type"] == "extra_forbidden":
+        return "this field is not known; remove it or check its spelling"
+    if detail["type"] == "missing":
+        return "this field is missing"
+    return message[:1].lower() + message[1:]
+
+
+def _http(request: Request, error: Exception) -> Response:
+    if not isinstance(error, HTTPException):
+        raise error
+    title = HTTPStatus(error.status_code).phrase
+    details = {
+        404: "There is nothing at this address. The addresses are listed at /api/docs.",
+        405: f"{request.method} is not allowed here.",
+    }
+    problem = Problem(
+        type="about:blank",
+        title=title,
+        status=error.status_code,
+        detail=details.get(error.status_code, str(error.detail)),
+        instance=request.url.path,
+    )
+    return problem_response(error.status_code, problem, error.headers)
+
+
+def _database(request: Request, error: Exception) -> Response:
+    log.error("the database failed on %s %s: %s", request.method, request.url.path, error)
+    return _domain(request, errors.StorageUnavailableError())
+
+
+def _unexpected(request: Request, error: Exception) -> Response:
+    log.error("%s %s failed", request.method, request.url.path, exc_info=error)
+    problem = Problem(
+        type="about:blank",
+        title="Internal error",
+        status=500,
+        detail="Something went wrong on the server; its log says what.",
+        instance=request.url.path,
+    )
+    return problem_response(500, problem)

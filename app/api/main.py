@@ -1,0 +1,87 @@
+"""The API as one ASGI application."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from fastapi import FastAPI
+
+from app import __version__
+from app.api import errors, live
+from app.api.metrics import RequestMetrics, make_registry
+from app.api.routers import anomalies, health, jobs, keys, locations, maps, observations
+from app.schemas.common import Problem
+from app.schemas.observations import GridObservations, StateObservations
+from app.services.context import Context
+
+BASE = "/api/v1"
+_REASONS = {
+    400: "The body cannot be read.",
+    401: "A key is needed.",
+    403: "The key's role does not allow this.",
+    404: "Unknown location, cell, job, anomaly or key.",
+    409: "Conflict: the name is taken, the idempotency key was used, or there is no revision yet (`no-model`).",
+    413: "The unpacked body is too large.",
+    415: "The media type is not read here.",
+    422: "Readable but wrong; `errors` names the fields and the mend.",
+    429: "Too many requests; try again after `Retry-After` seconds.",
+    503: "Shutting down or busy; try again after `Retry-After` seconds.",
+}
+_SUMMARY = "A map service for robots that live in one place for months."
+_DESCRIPTION = (
+    "Post what robots saw; ask for the state of every cell at any time, past or future, with a confidence; be told "
+    "what is abnormal. Times in: Unix seconds or ISO 8601 with a zone. Lengths in metres. Errors are problem "
+    "documents (RFC 9457)."
+)
+
+
+def create_app(ctx: Context, alive: Mapping[str, Callable[[], bool]] | None = None) -> FastAPI:
+    """The API over a context; `alive` tells /readyz of what runs in the background."""
+    app = FastAPI(
+        title="Tidemap",
+        summary=_SUMMARY,
+        description=_DESCRIPTION,
+        version=__version__,
+        openapi_url=f"{BASE}/openapi.json",
+        docs_url="/api/docs",
+        redoc_url=None,
+        license_info={"name": "BSD-3-Clause", "identifier": "BSD-3-Clause"},
+    )
+    app.state.ctx = ctx
+    app.state.alive = alive or {}
+    app.state.metrics = make_registry(ctx)
+    app.add_middleware(RequestMetrics, registry=app.state.metrics)
+    errors.install(app)
+    for module in (locations, observations, maps, anomalies, jobs, keys):
+        app.include_router(module.router, prefix=BASE, responses=_problems())
+    app.include_router(live.router, prefix=BASE)
+    app.include_router(health.router)
+    _document_bodies(app)
+    return app
+
+
+def _problems() -> dict[int | str, dict[str, Any]]:
+    schema = {"$ref": "#/components/schemas/Problem"}
+    return {
+        status: {"description": reason, "content": {errors.MEDIA_TYPE: {"schema": schema}}}
+        for status, reason in _REASONS.items()
+    }
+
+
+def _document_bodies(app: FastAPI) -> None:
+    """Add to the OpenAPI document the forms that routes parse by themselves, and the key."""
+    generate = app.openapi
+
+    def complete() -> dict[str, Any]:
+        if app.openapi_schema is None:
+            document = generate()
+            parts = document.setdefault("components", {})
+            schemas = parts.setdefault("schemas", {})
+            for form in (StateObservations, GridObservations, Problem):
+                schema = form.model_json_schema(ref_template="#/components/schemas/{model}")
+                schemas.update(schema.pop("$defs", {}))
+                schemas[form.__name__] = schema
+            parts["securitySchemes"] = {"key": {"type": "http", "scheme": "bearer", "bearerFormat": "tm_…"}}
+            document["security"] = [{"key": []}, {}]
+        return app.openapi_schema or {}
+
+    app.openapi = complete  # type: ignore[method-assign]

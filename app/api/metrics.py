@@ -1,0 +1,70 @@
+"""Metrics: requests by route and status, the commit queue, observations and anomalies."""
+
+import time
+from collections.abc import Iterable
+
+from prometheus_client import CollectorRegistry, Counter, Histogram
+from prometheus_client.core import GaugeMetricFamily
+from prometheus_client.registry import Collector
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from app.events.messages import Message as Event
+from app.services.context import Context
+
+
+class QueueCollector(Collector):
+    """The length of the commit queue, read when asked for."""
+
+    def __init__(self, ctx: Context) -> None:
+        self._ctx = ctx
+
+    def collect(self) -> Iterable[GaugeMetricFamily]:
+        """One gauge."""
+        yield GaugeMetricFamily("tidemap_commit_queue", "Writes that wait for the writer.", self._ctx.store.waiting())
+
+
+def make_registry(ctx: Context) -> CollectorRegistry:
+    """A registry fed by the bus."""
+    registry = CollectorRegistry()
+    registry.register(QueueCollector(ctx))
+    measurements = Counter("tidemap_measurements", "Measurements stored.", registry=registry)
+    events = Counter("tidemap_events", "Messages by kind.", ["kind"], registry=registry)
+
+    def listen(event: Event) -> None:
+        events.labels(event.kind).inc()
+        if event.kind == "observation":
+            measurements.inc(event.data["measurements"])
+
+    ctx.bus.subscribe(listen)
+    return registry
+
+
+class RequestMetrics:
+    """ASGI middleware: duration by route, method and status."""
+
+    def __init__(self, app: ASGIApp, registry: CollectorRegistry) -> None:
+        self._app = app
+        self._duration = Histogram(
+            "tidemap_request_seconds",
+            "Time from the request's head to the end of the answer.",
+            ["method", "route", "status"],
+            registry=registry,
+        )
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        started, status = time.perf_counter(), 500
+
+        async def watch(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+            await send(message)
+
+        try:
+            await self._app(scope, receive, watch)
+        finally:
+            route = getattr(scope.get("route"), "path", "other")
+            self._duration.labels(scope["method"], route, str(status)).observe(time.perf_counter() - started)

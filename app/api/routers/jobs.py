@@ -1,0 +1,51 @@
+"""/jobs and /locations/{name}/update"""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Response
+
+from app.api.dependencies import After, Ctx, Limit, Operator, cursor
+from app.api.waiting import wait_for_job
+from app.schemas.common import Page
+from app.schemas.jobs import Job, UpdateForm
+from app.services import jobs
+from app.services.update import UpdateRequest
+
+router = APIRouter(tags=["jobs"])
+
+
+@router.post("/locations/{name}/update", status_code=202, responses={200: {"model": Job}})
+async def update(
+    name: str,
+    ctx: Ctx,
+    _: Operator,
+    response: Response,
+    form: UpdateForm | None = None,
+    wait: Annotated[float, Query(ge=0, le=300, description="Seconds to wait for the end.")] = 0,
+) -> Job:
+    """Refit a location; 202 with a job, or 200 with the finished job when it ended within `wait`."""
+    request = UpdateRequest(**(form or UpdateForm()).model_dump())
+    job = await wait_for_job(ctx, lambda: jobs.request_update(ctx, name, request), wait)
+    if job.finished_at is not None:
+        response.status_code = 200
+    response.headers["Location"] = f"/api/v1/jobs/{job.id}"
+    return job
+
+
+@router.get("/jobs")
+def list_all(ctx: Ctx, _: Operator, limit: Limit = 100, after: After = None) -> Page[Job]:
+    """Jobs, newest first."""
+    items = jobs.list_jobs(ctx, cursor("after", after), limit + 1)
+    return Page(items=items[:limit], next=str(items[limit - 1].id) if len(items) > limit else None)
+
+
+@router.get("/jobs/{job_id}")
+def get(job_id: int, ctx: Ctx, _: Operator) -> Job:
+    """One job."""
+    return jobs.get_job(ctx, job_id)
+
+
+@router.delete("/jobs/{job_id}")
+def cancel(job_id: int, ctx: Ctx, _: Operator) -> Job:
+    """Cancel a queued job."""
+    return jobs.cancel_job(ctx, job_id)

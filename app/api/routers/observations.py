@@ -1,0 +1,70 @@
+"""/locations/{name}/observations"""
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Header, Query, Response
+from starlette.concurrency import run_in_threadpool
+
+from app.api.dependencies import BodyIn, Ctx, Robot
+from app.ingest.observation import ARROW
+from app.schemas.observations import Accepted, GridObservations, StateObservations
+from app.services.observe import Post, observe
+
+router = APIRouter(prefix="/locations/{name}/observations", tags=["observations"])
+
+_BODY: dict[str, Any] = {
+    "requestBody": {
+        "required": True,
+        "description": "Columns of measurements. May be gzip- or zstd-encoded (Content-Encoding).",
+        "content": {
+            "application/json": {
+                "schema": {
+                    "anyOf": [
+                        {"$ref": f"#/components/schemas/{form.__name__}"}
+                        for form in (StateObservations, GridObservations)
+                    ]
+                },
+                "examples": {
+                    "state": {
+                        "summary": "kind state",
+                        "value": {"time": [1772355600, "2026-03-01T09:01:00Z"], "state": [0, 1]},
+                    },
+                    "grid": {
+                        "summary": "grids",
+                        "value": {
+                            "observations": [{"time": 1772355600, "occupied": [17, [3, 4, 0]], "free": [18, 19]}]
+                        },
+                    },
+                },
+            },
+            ARROW: {
+                "schema": {
+                    "type": "string",
+                    "format": "binary",
+                    "description": "An Arrow IPC stream with columns time (float64 Unix seconds, or timestamp with a "
+                    "zone), cell (uint32; not for kind state) and state (uint8 or bool).",
+                }
+            },
+        },
+    }
+}
+
+
+@router.post("", status_code=201, openapi_extra=_BODY, responses={200: {"model": Accepted}})
+async def post(
+    name: str,
+    body: BodyIn,
+    ctx: Ctx,
+    _: Robot,
+    response: Response,
+    source: Annotated[str | None, Query(max_length=128, description="The robot's name.")] = None,
+    idempotency_key: Annotated[str | None, Header(min_length=1, max_length=255)] = None,
+) -> Accepted:
+    """Post measurements; answered after their durable commit.
+
+    The same Idempotency-Key with the same body again is answered 200 with `duplicate` true; nothing is stored twice.
+    """
+    result = await run_in_threadpool(observe, ctx, name, Post(body, source, idempotency_key))
+    if result.duplicate:
+        response.status_code = 200
+    return Accepted.model_validate(result, from_attributes=True)

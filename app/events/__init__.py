@@ -1,0 +1,1 @@
+"""What happened, told to whoever listens: a hint, the rows are the truth."""

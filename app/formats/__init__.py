@@ -1,0 +1,1 @@
+"""File and wire formats, one a module."""

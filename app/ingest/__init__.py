@@ -1,0 +1,1 @@
+"""From what robots send to measurements."""

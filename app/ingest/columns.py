@@ -1,0 +1,69 @@
+"""Columns: measurements as they were sent, before they are checked, with the names of their places."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.errors import InvalidInputError
+from app.schemas.common import parse_time
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Columns:
+    """time, cell, state (n,); the functions name the place of row i as the sender knows it, `whole` the body."""
+
+    time: NDArray[np.float64]
+    cell: NDArray[np.int64]
+    state: NDArray[np.uint8]
+    time_field: Callable[[int], str]
+    cell_field: Callable[[int], str]
+    state_field: Callable[[int], str]
+    whole: str
+
+
+def times_of(values: list[object], field: str) -> NDArray[np.float64]:
+    """Unix seconds of a list of numbers or ISO strings. Raises InvalidInputError naming the first bad one."""
+    array = numbers(values)
+    if array is not None and array.dtype.kind in "if":
+        return array.astype(np.float64)
+    times = np.empty(len(values))
+    for i, value in enumerate(values):
+        times[i] = time_of(value, f"{field}[{i}]")
+    return times
+
+
+def time_of(value: object, field: str) -> float:
+    """Unix seconds of one value. Raises InvalidInputError naming the field."""
+    try:
+        return parse_time(value)
+    except ValueError as error:
+        raise InvalidInputError.at(field, str(error)) from None
+
+
+def integers_of(values: list[object], field: str, message: str) -> NDArray[np.int64]:
+    """Whole numbers of a list. Raises InvalidInputError naming the first that is none."""
+    array = numbers(values)
+    if array is not None and array.dtype.kind in "iub":
+        return array.astype(np.int64)
+    for i, value in enumerate(values):
+        if not isinstance(value, int) or not -(2**62) < value < 2**62:
+            raise InvalidInputError.at(f"{field}[{i}]", message)
+    return np.array(values, np.int64)
+
+
+def numbers(values: list[object]) -> NDArray[np.generic] | None:
+    """The list as a one-dimensional array of one numeric kind, None where it is no such."""
+    try:
+        array = np.asarray(values)
+    except (ValueError, OverflowError):
+        return None
+    if not len(values):
+        return np.empty(0, np.int64)
+    return array if array.ndim == 1 and array.dtype.kind in "iufb" else None
+
+
+def narrow_states(states: NDArray[np.int64]) -> NDArray[np.uint8]:
+    """uint8 of states; what is neither 0 nor 1 becomes 255."""
+    return np.where((states == 0) | (states == 1), states, 255).astype(np.uint8)

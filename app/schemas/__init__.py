@@ -1,0 +1,1 @@
+"""Wire forms of API.md, shared by server and client."""

@@ -1,0 +1,60 @@
+"""Anomaly events on the wire."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from app.schemas.common import Answer, Form, TimeIn, TimeOut
+from app.schemas.locations import Confidence, EstimatorName
+
+Rule = Literal["surprise", "paper"]
+
+
+class Event(Answer):
+    """Neighbouring surprising cells of one observation.
+
+    `bbox` is [x0,y0,z0,x1,y1,z1] in metres in the grid's frame (null for kind `state`); `probability` is the
+    mean predicted probability of the cells, `surprise` the peak of |p - s|. `id` is null for events that were
+    computed on request and are not stored.
+    """
+
+    id: int | None
+    location: str
+    start: TimeOut
+    stop: TimeOut
+    cells: list[int]
+    bbox: list[float] | None
+    observed: Literal[0, 1]
+    probability: float
+    surprise: float
+    confidence: float
+    rule: Rule
+    revision: int
+    acknowledged_by: str | None = None
+    acknowledged_at: TimeOut | None = None
+    note: str | None = None
+
+
+class DetectForm(Form):
+    """Which part of the history to search for anomalies."""
+
+    start: TimeIn
+    stop: TimeIn
+    confidence: Confidence | None = Field(None, description="Default: the location's.")
+    rule: Rule = "surprise"
+    order: int | None = Field(None, ge=0, le=64)
+    estimator: EstimatorName | None = None
+
+
+class AcknowledgeForm(Form):
+    """An operator has seen an event."""
+
+    note: str | None = Field(None, max_length=2000)
+
+
+class Events(Answer):
+    """Events computed over the history."""
+
+    items: list[Event]
+    next: None = None
+    revision: int

@@ -1,0 +1,114 @@
+"""Forms that several messages share: strict bases, times in and out, pages, problems."""
+
+import math
+from datetime import UTC, datetime
+from typing import Annotated, Generic, TypeVar
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    PlainSerializer,
+    WithJsonSchema,
+)
+
+NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,127}$"
+
+
+def parse_time(value: object) -> float:
+    """Unix seconds of a number or an ISO 8601 string with a zone.
+
+    Raises ValueError for a naive time, NaN, infinity, a boolean or anything else.
+
+    >>> parse_time("1970-01-01T01:00:00+01:00"), parse_time(60)
+    (0.0, 60.0)
+    """
+    if isinstance(value, str):
+        return _parse_iso(value)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError("give Unix seconds (a number) or an ISO 8601 time with a zone, such as 2026-03-01T09:00:00Z")
+    if not math.isfinite(value):
+        raise ValueError("NaN and infinity are no times; give finite Unix seconds")
+    return float(value)
+
+
+def _parse_iso(text: str) -> float:
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError:
+        try:
+            seconds = float(text)
+        except ValueError:
+            raise ValueError(f"{text!r} is no ISO 8601 time; write it like 2026-03-01T09:00:00Z") from None
+        return parse_time(seconds)
+    if moment.tzinfo is None:
+        raise ValueError(f"{text!r} has no time zone; append Z or an offset such as +01:00")
+    return moment.timestamp()
+
+
+def iso(time_s: float) -> str:
+    """ISO 8601 in UTC with a Z, to the microsecond at most.
+
+    >>> iso(0), iso(1.5)
+    ('1970-01-01T00:00:00Z', '1970-01-01T00:00:01.500000Z')
+    """
+    return datetime.fromtimestamp(time_s, UTC).isoformat().replace("+00:00", "Z")
+
+
+TimeIn = Annotated[
+    float,
+    BeforeValidator(parse_time),
+    WithJsonSchema(
+        {
+            "anyOf": [{"type": "number"}, {"type": "string", "format": "date-time"}],
+            "description": "Unix seconds, or ISO 8601 with a zone.",
+            "examples": [1772355600, "2026-03-01T09:00:00Z"],
+        }
+    ),
+]
+TimeOut = Annotated[
+    float,
+    BeforeValidator(parse_time),
+    PlainSerializer(iso, return_type=str),
+    WithJsonSchema({"type": "string", "format": "date-time", "examples": ["2026-03-01T09:00:00Z"]}),
+]
+
+
+class Form(BaseModel):
+    """What a client sends: unknown fields, NaN and infinity are errors."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+class Answer(BaseModel):
+    """What the server sends; a client ignores fields it does not know."""
+
+    model_config = ConfigDict(extra="ignore")
+
+
+Item = TypeVar("Item")
+
+
+class Page(Answer, Generic[Item]):
+    """One page of a list; `next` goes into `after` for the next page, null at the end."""
+
+    items: list[Item]
+    next: str | None = None
+
+
+class ProblemField(Answer):
+    """One offending field of a problem."""
+
+    field: str
+    message: str
+
+
+class Problem(Answer):
+    """An error as RFC 9457 has it."""
+
+    type: str
+    title: str
+    status: int
+    detail: str
+    instance: str | None = None
+    errors: list[ProblemField] | None = None

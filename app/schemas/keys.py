@@ -1,0 +1,32 @@
+"""Keys on the wire."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from app.schemas.common import Answer, Form, TimeOut
+
+Role = Literal["robot", "operator", "admin"]
+
+
+class KeyForm(Form):
+    """A new key."""
+
+    name: str = Field(min_length=1, max_length=128)
+    role: Role
+
+
+class Key(Answer):
+    """A key without its secret."""
+
+    id: int
+    name: str
+    role: Role
+    prefix: str
+    created_at: TimeOut
+
+
+class NewKey(Key):
+    """A key with its secret, shown this once."""
+
+    key: str

@@ -1,0 +1,40 @@
+"""Observations on the wire. Large bodies are parsed columnar by `app.ingest`; these forms document them."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from app.schemas.anomalies import Event
+from app.schemas.common import Answer, Form, TimeIn, TimeOut
+
+
+class StateObservations(Form):
+    """Measurements of a location of kind `state`: two columns of one length."""
+
+    time: list[TimeIn]
+    state: list[Literal[0, 1]]
+
+
+class GridObservation(Form):
+    """What one look at a grid saw; cells in neither list were not seen. A cell is its linear index or [i,j,k]."""
+
+    time: TimeIn
+    occupied: list[Any] = Field(default=[], description="Cells seen occupied.")
+    free: list[Any] = Field(default=[], description="Cells seen free.")
+
+
+class GridObservations(Form):
+    """Observations of a grid."""
+
+    observations: list[GridObservation]
+
+
+class Accepted(Answer):
+    """The answer to a post, sent after the durable commit."""
+
+    accepted: Annotated[int, Field(description="Measurements stored.")]
+    duplicate: bool
+    first_time: TimeOut | None
+    last_time: TimeOut | None
+    anomalies: list[Event]
+    revision: int

@@ -1,0 +1,1 @@
+"""Use cases, one a module; each opens its own unit of work."""

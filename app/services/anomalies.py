@@ -1,0 +1,223 @@
+"""Anomalies: judging measurements, grouping the surprising ones into events, listing and acknowledging events."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.errors import InvalidInputError
+from app.schemas.anomalies import Event
+from app.services.context import Context
+from app.services.history import read_history, window
+from app.services.spectra import Fitted, fitted
+from app.space.regions import label_regions
+from app.spectral.anomaly import Rule, is_anomalous, surprise
+from app.spectral.history import UNOBSERVED
+from app.spectral.measurements import Measurements
+from app.spectral.prediction import predict, predict_times
+from app.storage.anomalies import EventFilter
+from app.storage.records import CHUNK_CELLS, AnomalyRecord, LocationRecord
+
+MAX_MARKS = 2_000_000
+"""Surprising cells that one search may find."""
+BLOCK_VALUES = 1 << 22
+"""Probabilities that a search holds at once."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Marks:
+    """Surprising measurements, distinct in (sample, cell); (n,) each."""
+
+    sample: NDArray[np.int64]
+    cell: NDArray[np.int64]
+    state: NDArray[np.uint8]
+    probability: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class Criterion:
+    """What counts as an anomaly, and the revision it was judged by."""
+
+    confidence: float
+    rule: Rule
+    revision: int
+
+
+def judge(ctx: Context, model: Fitted, measurements: Measurements) -> list[AnomalyRecord]:
+    """The events among new measurements, judged by rule `surprise` at the location's confidence."""
+    place = model.place
+    sample, rows = _standing(place, measurements)
+    cell = measurements.cell[rows].astype(np.int64)
+    probability = _probabilities(model, sample, cell)
+    criterion = Criterion(place.confidence, "surprise", model.revision.revision)
+    state = measurements.state[rows]
+    marked = is_anomalous(probability, state, criterion.confidence, criterion.rule)
+    marks = Marks(sample[marked], cell[marked], state[marked], probability[marked])
+    return group(place, marks, criterion)
+
+
+def _standing(place: LocationRecord, measurements: Measurements) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
+    """Samples and rows of the measurements that stand among these, ordered by sample and cell."""
+    sample = place.base.sample(measurements.time)
+    order = np.lexsort((measurements.state, measurements.time, measurements.cell, sample))
+    last = np.ones(len(order), bool)
+    ordered_sample, ordered_cell = sample[order], measurements.cell[order]
+    last[:-1] = (np.diff(ordered_sample) != 0) | (np.diff(ordered_cell.astype(np.int64)) != 0)
+    return ordered_sample[last], order[last]
+
+
+def _probabilities(model: Fitted, sample: NDArray[np.int64], cell: NDArray[np.int64]) -> NDArray[np.float32]:
+    """p of each (sample, cell), samples ascending."""
+    time = model.place.base.time(sample)
+    if model.place.n_cells == 1:
+        return np.asarray(predict_times(model.spectrum, time, np.array([0]))[0])
+    bounds = np.flatnonzero(np.diff(sample, prepend=np.iinfo(np.int64).min, append=np.iinfo(np.int64).max))
+    parts = [
+        predict(model.spectrum, float(time[begin]), cell[begin:end])
+        for begin, end in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True)
+    ]
+    return np.concatenate(parts) if parts else np.empty(0, np.float32)
+
+
+def group(place: LocationRecord, marks: Marks, criterion: Criterion) -> list[AnomalyRecord]:
+    """Events: connected marks of one state, of at least `min_cells` cells; in order of their start."""
+    label = label_regions(place.cells, marks.sample, marks.cell, marks.state)
+    order = np.argsort(label, kind="stable")
+    bounds = np.flatnonzero(np.diff(label[order], prepend=-1, append=len(label)) != 0)
+    events = [
+        _event(place, marks, order[begin:end], criterion)
+        for begin, end in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True)
+    ]
+    large = [event for event in events if len(event.cells) >= min(place.min_cells, place.n_cells)]
+    return sorted(large, key=lambda event: (event.start, int(event.cells[0])))
+
+
+def _event(place: LocationRecord, marks: Marks, rows: NDArray[np.intp], criterion: Criterion) -> AnomalyRecord:
+    state, probability = marks.state[rows], marks.probability[rows]
+    return AnomalyRecord(
+        location_id=place.id,
+        id=0,
+        start=float(place.base.time(marks.sample[rows].min())),
+        stop=float(place.base.time(marks.sample[rows].max() + 1)),
+        cells=np.unique(marks.cell[rows]),
+        observed=int(state[0]),
+        probability=float(probability.mean(dtype=np.float64)),
+        surprise=float(surprise(probability, state).max()),
+        confidence=criterion.confidence,
+        rule=criterion.rule,
+        revision=criterion.revision,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class DetectQuery:
+    """Which part of the history to search, times [start, stop); None: the location's or the revision's own."""
+
+    start: float
+    stop: float
+    confidence: float | None = None
+    rule: Rule = "surprise"
+    order: int | None = None
+    estimator: str | None = None
+
+
+def detect(ctx: Context, name: str, query: DetectQuery) -> tuple[list[Event], int]:
+    """The events of the history and the revision they were judged by; nothing is stored.
+
+    Raises LocationNotFoundError, NoModelError, InvalidInputError.
+    """
+    if query.stop < query.start:
+        raise InvalidInputError.at("stop", "it lies before start; swap them")
+    model = fitted(ctx, name, query.estimator, query.order)
+    place = model.place
+    confidence = place.confidence if query.confidence is None else query.confidence
+    criterion = Criterion(confidence, query.rule, model.revision.revision)
+    first, last = window(ctx, place)
+    start, stop = max(first, int(place.base.sample(query.start))), min(last, _ceiling(place, query.stop))
+    parts = [_search(ctx, model, chunk, start, stop, criterion) for chunk in range(place.n_chunks)]
+    marks = _joined(parts)
+    return [wire(place, event) for event in group(place, marks, criterion)], model.revision.revision
+
+
+def _ceiling(place: LocationRecord, time: float) -> int:
+    """The first sample that starts at or after a time."""
+    sample = int(place.base.sample(time))
+    return sample if float(place.base.time(sample)) == time else sample + 1
+
+
+def _search(ctx: Context, model: Fitted, chunk: int, start: int, stop: int, criterion: Criterion) -> Marks:
+    place = model.place
+    size = place.chunk_size(chunk)
+    step = max(1, BLOCK_VALUES // size)
+    parts = []
+    for low in range(start, stop, step):
+        high = min(low + step, stop)
+        states = read_history(ctx, place.name, chunk, low, high).states()
+        cells = chunk * CHUNK_CELLS + np.arange(size)
+        probability = predict_times(model.spectrum, place.base.time(np.arange(low, high)), cells)
+        marked = (states != UNOBSERVED) & is_anomalous(probability, states, criterion.confidence, criterion.rule)
+        row, column = np.nonzero(marked)
+        parts.append(Marks(low + column, cells[row], states[row, column], probability[row, column]))
+        if sum(len(part.cell) for part in parts) > MAX_MARKS:
+            raise InvalidInputError.at("stop", "more than two million anomalous cells; search a shorter time")
+    return _joined(parts)
+
+
+def _joined(parts: list[Marks]) -> Marks:
+    if not parts:
+        empty = np.empty(0, np.int64)
+        return Marks(empty, empty, np.empty(0, np.uint8), np.empty(0, np.float32))
+    return Marks(*(np.concatenate([getattr(part, field) for part in parts]) for field in Marks.__dataclass_fields__))
+
+
+@dataclass(frozen=True, slots=True)
+class EventQuery:
+    """Which stored events; None leaves a condition out. Times overlap [start, stop)."""
+
+    location: str | None = None
+    after: int | None = None
+    limit: int | None = 100
+    start: float | None = None
+    stop: float | None = None
+    min_surprise: float | None = None
+    acknowledged: bool | None = None
+
+
+def list_events(ctx: Context, query: EventQuery) -> list[Event]:
+    """Stored events, oldest first. Raises LocationNotFoundError."""
+    with ctx.store.read() as work:
+        place = work.locations.get(query.location) if query.location is not None else None
+        wanted = EventFilter(
+            place.id if place else None,
+            query.after,
+            query.limit,
+            query.start,
+            query.stop,
+            query.min_surprise,
+            query.acknowledged,
+        )
+        records = work.anomalies.list(wanted)
+        places = {each.id: each for each in ([place] if place else work.locations.list())}
+    return [wire(places[record.location_id], record) for record in records]
+
+
+def acknowledge(ctx: Context, anomaly_id: int, by: str, note: str | None) -> Event:
+    """Raises AnomalyNotFoundError."""
+    record = ctx.store.write(lambda work: work.anomalies.acknowledge(anomaly_id, by, ctx.clock(), note))
+    with ctx.store.read() as work:
+        places = {each.id: each for each in work.locations.list()}
+    return wire(places[record.location_id], record)
+
+
+def wire(place: LocationRecord, record: AnomalyRecord) -> Event:
+    """An event as the API shows it."""
+    box = place.grid.bounding_box(record.cells) if place.grid else None
+    shared = ("start", "stop", "observed", "probability", "surprise", "confidence", "rule", "revision")
+    people = ("acknowledged_by", "acknowledged_at", "note")
+    return Event(
+        id=record.id or None,
+        location=place.name,
+        cells=record.cells.tolist(),
+        bbox=None if box is None else list(box),
+        **{field: getattr(record, field) for field in (*shared, *people)},
+    )

@@ -1,0 +1,18 @@
+"""Health: what keeps the service from working."""
+
+from collections.abc import Callable, Mapping
+
+from sqlalchemy.exc import SQLAlchemyError
+
+from app.services.context import Context
+
+
+def problems(ctx: Context, alive: Mapping[str, Callable[[], bool]]) -> list[str]:
+    """In words, empty when all is well; `alive` tells of the parts that run in the background."""
+    found = [f"the {name} is not running" for name, check in alive.items() if not check()]
+    try:
+        with ctx.store.read() as work:
+            work.keys.count()
+    except SQLAlchemyError as error:
+        found.append(f"the database does not answer: {type(error).__name__}")
+    return found

@@ -1,0 +1,109 @@
+"""Jobs: asking for long work, following it, running it."""
+
+import json
+import logging
+from collections.abc import Callable
+from dataclasses import asdict
+
+from app.errors import JobFinishedError, JobNotFoundError, TidemapError
+from app.events.messages import Message
+from app.schemas.jobs import Job
+from app.services.context import Context
+from app.services.update import Executor, UpdateRequest, run_update
+from app.storage.records import JobRecord
+
+log = logging.getLogger(__name__)
+PROGRESS_STEP = 0.02
+
+
+def request_update(ctx: Context, name: str, request: UpdateRequest) -> Job:
+    """Queue an update. Raises LocationNotFoundError."""
+    record = ctx.store.write(
+        lambda work: work.jobs.create(work.locations.get(name).id, "update", asdict(request), ctx.clock())
+    )
+    _tell(ctx, record)
+    return wire(record)
+
+
+def get_job(ctx: Context, job_id: int) -> Job:
+    """Raises JobNotFoundError."""
+    with ctx.store.read() as work:
+        return wire(work.jobs.get(job_id))
+
+
+def list_jobs(ctx: Context, after: int | None, limit: int) -> list[Job]:
+    """Newest first."""
+    with ctx.store.read() as work:
+        return [wire(record) for record in work.jobs.list(after, limit)]
+
+
+def cancel_job(ctx: Context, job_id: int) -> Job:
+    """Cancel a queued job. Raises JobNotFoundError, JobFinishedError when it is past that."""
+    cancelled = ctx.store.write(
+        lambda work: work.jobs.transition(job_id, "queued", state="cancelled", finished_at=ctx.clock())
+    )
+    with ctx.store.read() as work:
+        record = work.jobs.get(job_id)
+    if not cancelled:
+        raise JobFinishedError(job_id, record.state)
+    _tell(ctx, record)
+    return wire(record)
+
+
+def claim_job(ctx: Context, busy: frozenset[int]) -> JobRecord | None:
+    """The next queued job of a location that is not busy, now running."""
+    record = ctx.store.write(lambda work: work.jobs.claim(busy))
+    if record is not None:
+        _tell(ctx, record)
+    return record
+
+
+def requeue_interrupted(ctx: Context) -> None:
+    """Jobs that a stopped process left running run again."""
+    ctx.store.write(lambda work: work.jobs.requeue_running())
+
+
+def run_job(ctx: Context, record: JobRecord, executor: Executor) -> None:
+    """Run a claimed job to its end, whatever that is."""
+    try:
+        revision = run_update(ctx, record.location, UpdateRequest(**record.request), executor, _reporter(ctx, record))
+    except TidemapError as error:
+        _finish(ctx, record, state="failed", error=str(error))
+    except Exception as error:
+        log.exception("job %d failed", record.id)
+        _finish(ctx, record, state="failed", error=f"{type(error).__name__}: {error}")
+    else:
+        result = {name: getattr(revision, name) for name in ("revision", "estimator", "order", "accuracy", "selection")}
+        _finish(ctx, record, state="done", progress=1.0, result=json.dumps(result))
+        ctx.bus.publish(Message("update", record.location, revision.revision, ctx.clock(), result))
+
+
+def _reporter(ctx: Context, record: JobRecord) -> Callable[[float], None]:
+    reported = 0.0
+
+    def report(progress: float) -> None:
+        nonlocal reported
+        if progress - reported >= PROGRESS_STEP and progress < 1:
+            reported = progress
+            ctx.store.submit(lambda work: work.jobs.progress(record.id, progress))
+
+    return report
+
+
+def _finish(ctx: Context, record: JobRecord, **values: object) -> None:
+    ctx.store.write(lambda work: work.jobs.transition(record.id, "running", finished_at=ctx.clock(), **values))
+    try:
+        with ctx.store.read() as work:
+            _tell(ctx, work.jobs.get(record.id))
+    except JobNotFoundError:
+        log.info("location %r was deleted while job %d ran", record.location, record.id)
+
+
+def _tell(ctx: Context, record: JobRecord) -> None:
+    told = {"job": record.kind, "state": record.state, "progress": record.progress}
+    ctx.bus.publish(Message("job", record.location, record.id, ctx.clock(), told))
+
+
+def wire(record: JobRecord) -> Job:
+    """A job as the API shows it."""
+    return Job(**{name: getattr(record, name) for name in Job.model_fields})

@@ -1,0 +1,106 @@
+"""Keys: making, checking and revoking them. Secrets are random, so a plain hash of them is enough."""
+
+import hashlib
+import hmac
+import secrets
+from dataclasses import dataclass
+from typing import Literal
+
+from app.errors import UnauthorizedError
+from app.schemas.keys import Key, NewKey, Role
+from app.services.context import Context
+from app.storage.records import KeyRecord
+
+PREFIX = "tm_"
+SESSION_S = 7 * 86400.0
+ROLES: tuple[Role, ...] = ("robot", "operator", "admin")
+
+
+@dataclass(frozen=True, slots=True)
+class Principal:
+    """Who asks: a key, or anybody on an open server."""
+
+    name: str
+    role: Role
+    key_id: int | None
+
+
+OPEN = Principal("anybody", "admin", None)
+
+
+def create_key(ctx: Context, name: str, role: Role) -> NewKey:
+    """A new key with its secret, which is not kept."""
+    secret = PREFIX + secrets.token_urlsafe(32)
+    record = ctx.store.write(lambda work: work.keys.create(name, role, secret[:8], _digest(secret), ctx.clock()))
+    return NewKey(**_wire(record).model_dump(), key=secret)
+
+
+def list_keys(ctx: Context) -> list[Key]:
+    """In order of creation."""
+    with ctx.store.read() as work:
+        return [_wire(record) for record in work.keys.list()]
+
+
+def delete_key(ctx: Context, key_id: int) -> None:
+    """Revoke a key. Raises KeyNotFoundError."""
+    ctx.store.write(lambda work: work.keys.delete(key_id))
+
+
+def is_open(ctx: Context) -> bool:
+    """Whether no key exists, so that whoever reaches the server may do everything."""
+    with ctx.store.read() as work:
+        return work.keys.count() == 0
+
+
+def by_secret(ctx: Context, secret: str) -> Principal:
+    """Who holds a secret. Raises UnauthorizedError."""
+    with ctx.store.read() as work:
+        record = work.keys.find(_digest(secret))
+    if record is None:
+        raise UnauthorizedError("This key is not known. Check it, or ask an admin for a new one.")
+    return _principal(record)
+
+
+def session_of(ctx: Context, secret: str) -> str:
+    """A token that stands for the key in a browser for a week. Raises UnauthorizedError."""
+    with ctx.store.read() as work:
+        record = work.keys.find(_digest(secret))
+    if record is None:
+        raise UnauthorizedError("This key is not known. Check it, or ask an admin for a new one.")
+    claim = f"{record.id}.{int(ctx.clock() + SESSION_S)}"
+    return f"{claim}.{_sign(record, claim)}"
+
+
+def by_session(ctx: Context, token: str) -> Principal:
+    """Who holds a session token. Raises UnauthorizedError when it is forged, expired or its key revoked."""
+    claim, _, signature = token.rpartition(".")
+    key_id, _, expires = claim.partition(".")
+    if not (key_id.isascii() and key_id.isdigit() and expires.isascii() and expires.isdigit()):
+        raise UnauthorizedError("This session is not known. Sign in again.")
+    with ctx.store.read() as work:
+        record = work.keys.get(int(key_id[:18]))
+    if record is None or not hmac.compare_digest(_sign(record, claim), signature) or int(expires) < ctx.clock():
+        raise UnauthorizedError("This session has ended. Sign in again.")
+    return _principal(record)
+
+
+def allows(role: Role, needed: Literal["robot", "operator", "admin"]) -> bool:
+    """Whether a role may do what `needed` may: admins everything, robots and operators each their own."""
+    return role in {needed, "admin"}
+
+
+def _digest(secret: str) -> bytes:
+    return hashlib.sha256(secret.encode()).digest()
+
+
+def _sign(record: KeyRecord, claim: str) -> str:
+    return hmac.new(record.hash, claim.encode(), hashlib.sha256).hexdigest()
+
+
+def _principal(record: KeyRecord) -> Principal:
+    role: Role = next(role for role in ROLES if role == record.role)
+    return Principal(record.name, role, record.id)
+
+
+def _wire(record: KeyRecord) -> Key:
+    return Key(**{name: getattr(record, name) for name in Key.model_fields})

@@ -1,0 +1,76 @@
+"""The spectrum that answers a question: the stored one, or one refitted on its window at another order."""
+
+from dataclasses import dataclass, replace
+from functools import partial
+
+from app.errors import NoModelError
+from app.services.context import Context
+from app.services.history import read_history
+from app.spectral.estimators import fit
+from app.spectral.spectrum import Spectrum, concatenate, truncate
+from app.storage.records import LocationRecord, RevisionRecord
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fitted:
+    """A spectrum of all cells of a location and the revision it came from."""
+
+    place: LocationRecord
+    revision: RevisionRecord
+    spectrum: Spectrum
+
+
+def fitted(ctx: Context, name: str, estimator: str | None = None, order: int | None = None) -> Fitted:
+    """The spectrum of the current revision, at another order or by another estimator where asked.
+
+    Raises LocationNotFoundError, NoModelError. A refit reads the window's history; its result is cached.
+    """
+    place, revision = current_revision(ctx, name)
+    wanted = _wanted(revision, estimator, order)
+    key = (place.id, revision.revision, wanted.estimator, wanted.order)
+    spectrum = ctx.spectra.get(key, partial(_load, ctx, place, revision, wanted))
+    return Fitted(place, wanted, spectrum)
+
+
+def current_revision(ctx: Context, name: str) -> tuple[LocationRecord, RevisionRecord]:
+    """Raises LocationNotFoundError, NoModelError."""
+    with ctx.store.read() as work:
+        place = work.locations.get(name)
+        revision = work.spectra.get(place.id, place.revision)
+    if revision is None:
+        raise NoModelError(name)
+    return place, revision
+
+
+def _wanted(revision: RevisionRecord, estimator: str | None, order: int | None) -> RevisionRecord:
+    """The revision as if it had been fitted with this estimator and order."""
+    name = estimator or revision.estimator
+    if name == "static":
+        return replace(revision, estimator=name, order=0)
+    default = revision.order if name == revision.estimator else DEFAULT_ORDER
+    return replace(revision, estimator=name, order=default if order is None else order)
+
+
+DEFAULT_ORDER = 3
+"""Order of another estimator than the revision's when none is asked for: the paper's best for prediction."""
+
+
+def _load(ctx: Context, place: LocationRecord, stored: RevisionRecord, wanted: RevisionRecord) -> Spectrum:
+    if wanted.estimator == stored.estimator and wanted.order <= stored.order:
+        return truncate(_stored(ctx, place, stored), wanted.order)
+    return concatenate(
+        [
+            fit(
+                read_history(ctx, place.name, chunk, stored.start, stored.stop),
+                wanted.estimator,
+                wanted.order,
+                place.base,
+            )
+            for chunk in range(place.n_chunks)
+        ]
+    )
+
+
+def _stored(ctx: Context, place: LocationRecord, revision: RevisionRecord) -> Spectrum:
+    with ctx.store.read() as work:
+        return concatenate([work.spectra.chunk(place, revision.revision, chunk) for chunk in range(place.n_chunks)])

@@ -1,0 +1,177 @@
+"""Update: refit spectrum and outliers of a location from its history (the paper's model update)."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+
+from app.errors import InvalidInputError
+from app.services.context import Context
+from app.services.history import compact, read_history, window
+from app.spectral.history import History
+from app.spectral.model import update as update_model
+from app.spectral.outliers import count
+from app.spectral.selection import Selection, choose
+from app.spectral.window import fit_window
+from app.storage.records import LocationRecord, RevisionRecord
+
+Item = TypeVar("Item")
+Value = TypeVar("Value")
+SELECTION_CELLS = 64
+"""Changing cells that decide for all."""
+
+
+class Executor(Protocol):
+    """Runs independent tasks, possibly at once; results in the order of the items."""
+
+    def map(self, task: Callable[[Item], Value], items: Iterable[Item]) -> Iterable[Value]:
+        """Results, as they become known in order."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class UpdateRequest:
+    """What to fit; None leaves the choice to the location's settings and to `fit_window`."""
+
+    start: float | None = None
+    stop: float | None = None
+    estimator: str | None = None
+    order: int | str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """An update with everything decided. Samples [start, stop) are fitted, `history` is the span of outliers."""
+
+    place: LocationRecord
+    number: int
+    estimator: str
+    order: int
+    start: int
+    stop: int
+    history: tuple[int, int]
+    selection: Selection | None
+
+
+def run_update(
+    ctx: Context, name: str, request: UpdateRequest, executor: Executor, progress: Callable[[float], None]
+) -> RevisionRecord:
+    """A new revision, visible once its last chunk is stored.
+
+    Raises LocationNotFoundError, InvalidInputError when there is nothing to fit.
+    """
+    compact(ctx, name)
+    progress(0.1)
+    plan = _plan(ctx, name, request)
+    wrong = observed = 0
+    for i, (chunk_wrong, chunk_observed) in enumerate(
+        executor.map(lambda chunk: _update_chunk(ctx, plan, chunk), range(plan.place.n_chunks))
+    ):
+        wrong, observed = wrong + chunk_wrong, observed + chunk_observed
+        progress(0.1 + 0.9 * (i + 1) / plan.place.n_chunks)
+    record = _revision(ctx, plan, 1 - wrong / observed if observed else None)
+    ctx.store.write(lambda work: work.spectra.publish(record))
+    ctx.spectra.drop(lambda key: isinstance(key, tuple) and key[0] == plan.place.id)
+    return record
+
+
+def _plan(ctx: Context, name: str, request: UpdateRequest) -> Plan:
+    with ctx.store.read() as work:
+        place = work.locations.get(name)
+        number = work.spectra.next_number(place.id)
+    history = window(ctx, place)
+    start, stop = _fitted_samples(place, history, request)
+    estimator = request.estimator or place.estimator
+    order = request.order if request.order is not None else (place.order or "auto")
+    if estimator == "static":
+        return Plan(place, number, estimator, 0, start, stop, history, None)
+    if estimator != "auto" and isinstance(order, int):
+        return Plan(place, number, estimator, order, start, stop, history, None)
+    chosen = _select(ctx, place, (start, stop), estimator, order)
+    return Plan(place, number, chosen.estimator, chosen.order, start, stop, history, chosen)
+
+
+def _fitted_samples(place: LocationRecord, history: tuple[int, int], request: UpdateRequest) -> tuple[int, int]:
+    first, last = history
+    if last <= first:
+        raise InvalidInputError.at("location", f"{place.name!r} has no observations yet; post some first")
+    if request.start is None and request.stop is None:
+        return fit_window(first, last, place.interval_s)
+    start = first if request.start is None else max(first, int(place.base.sample(request.start)))
+    stop = last if request.stop is None else min(last, int(place.base.sample(request.stop)))
+    if stop <= start:
+        raise InvalidInputError.at("stop", "nothing was observed between start and stop; widen the window")
+    return start, stop
+
+
+def _select(
+    ctx: Context, place: LocationRecord, fitted: tuple[int, int], estimator: str, order: int | str
+) -> Selection:
+    """`auto`, within what the request leaves open."""
+    orders = (1, 2, 3, 5, 10, 15) if order == "auto" else (int(order),)
+    selection = choose(_sample_cells(ctx, place, fitted), place.base, orders, SELECTION_CELLS)
+    if estimator == "auto" or selection.estimator == estimator:
+        return selection
+    rows = [row for row in selection.table if row.estimator == estimator and row.n]
+    if not rows:
+        return Selection(estimator, min(orders), selection.table, selection.reason, selection.cells)
+    best = min(rows, key=lambda row: row.log_loss)
+    return Selection(estimator, best.order, selection.table, f"the best order of {estimator}", selection.cells)
+
+
+def _sample_cells(ctx: Context, place: LocationRecord, fitted: tuple[int, int]) -> History:
+    """The histories of changing cells, spread evenly over some chunks."""
+    n_chunks = min(place.n_chunks, SELECTION_CELLS)
+    parts = []
+    for chunk in np.linspace(0, place.n_chunks - 1, n_chunks).astype(int).tolist():
+        history = read_history(ctx, place.name, chunk, *fitted)
+        occupied = history.count_occupied()
+        changing = np.flatnonzero((occupied > 0) & (occupied < history.count_observed()))
+        step = max(1, len(changing) * n_chunks // (4 * SELECTION_CELLS))
+        parts.append(history.cells(changing[::step]))
+    return History(
+        fitted[0],
+        fitted[1] - fitted[0],
+        np.concatenate([part.observed for part in parts]),
+        np.concatenate([part.occupied for part in parts]),
+    )
+
+
+def _update_chunk(ctx: Context, plan: Plan, chunk: int) -> tuple[int, int]:
+    """Fit and store one chunk; how many samples are outliers and how many were observed."""
+    place = plan.place
+    history = read_history(ctx, place.name, chunk, *plan.history)
+    model = update_model(history, plan.estimator, plan.order, place.base, (plan.start, plan.stop))
+    ctx.store.write(lambda work: work.spectra.put_chunk(place.id, plan.number, chunk, model.spectrum))
+    return int(count(model.outliers).sum()), int(history.count_observed().sum())
+
+
+def _revision(ctx: Context, plan: Plan, accuracy: float | None) -> RevisionRecord:
+    return RevisionRecord(
+        location_id=plan.place.id,
+        revision=plan.number,
+        estimator=plan.estimator,
+        order=plan.order,
+        start=plan.start,
+        stop=plan.stop,
+        observation_seq=plan.place.observation_seq,
+        measurements=plan.place.measurements,
+        accuracy=accuracy,
+        updated_at=ctx.clock(),
+        selection=None if plan.selection is None else _wire(plan.selection),
+    )
+
+
+def _wire(selection: Selection) -> dict[str, Any]:
+    """The choice as the API shows it."""
+    rows = [asdict(row) for row in selection.table]
+    for row in rows:
+        row.update({name: None for name in ("error", "brier", "log_loss") if row[name] != row[name]})
+    return {
+        "estimator": selection.estimator,
+        "order": selection.order,
+        "reason": selection.reason,
+        "cells": selection.cells,
+        "scores": rows,
+    }

@@ -1,0 +1,60 @@
+"""Every setting of the server on one page. Each can be set as an environment variable `TIDEMAP_<NAME>`."""
+
+from pathlib import Path
+
+from pydantic import Field
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+
+class Settings(BaseSettings):
+    """Settings with their defaults; a bad value refuses to start and says which."""
+
+    model_config = SettingsConfigDict(env_prefix="TIDEMAP_", extra="ignore", frozen=True)
+
+    # Where
+    data: Path = Field(Path("data"), description="Folder of the embedded SQLite database.")
+    database_url: str | None = Field(
+        None, description="A SQLAlchemy URL (postgresql+psycopg://…); without one, SQLite in `data`."
+    )
+    host: str = Field("127.0.0.1", description="Address to listen on. Beyond loopback a key must exist.")
+    port: int = Field(8000, ge=0, le=65535, description="Port to listen on; 0 lets the system choose one.")
+    open: bool = Field(False, description="Listen anywhere without keys: only behind a gateway that checks them.")
+
+    # Limits
+    max_body_bytes: int = Field(128 * 2**20, gt=0, description="Largest body of a request, unpacked.")
+    max_cells: int = Field(16_000_000, gt=0, description="Largest number of cells of one location.")
+    max_points: int = Field(1_000_000, gt=0, description="Largest number of values in a predict or series answer.")
+    max_samples: int = Field(
+        4 * 2**20,
+        gt=0,
+        description="Longest window of a model in samples; older history is kept but not modelled.",
+    )
+    future_s: float = Field(3600.0, ge=0, description="How far ahead of the server's clock a measurement may be.")
+
+    # Writing
+    commit_queue: int = Field(1024, gt=0, description="Writes that may wait for the writer; more are refused (503).")
+    commit_batch: int = Field(128, gt=0, description="Most writes in one group commit.")
+
+    # Updating by itself
+    updater: bool = Field(True, description="Refit locations in the background when their history has grown.")
+    updater_interval_s: float = Field(5.0, gt=0, description="How often the updater looks for grown histories.")
+    update_samples: int = Field(48, gt=0, description="Samples a history must span before its first update.")
+    update_growth: float = Field(
+        0.1,
+        gt=0,
+        description="Refit when the measurements since the last update reach this share of those before.",
+    )
+    update_rest_s: float = Field(30.0, ge=0, description="… and at least this long after the last update.")
+    update_threads: int = Field(2, gt=0, description="Threads one update may use.")
+
+    # Reading and streaming
+    history_cache_bytes: int = Field(256 * 2**20, ge=0, description="Memory for unpacked history.")
+    spectrum_cache_bytes: int = Field(512 * 2**20, ge=0, description="Memory for spectra.")
+    socket_queue: int = Field(256, gt=0, description="Events a WebSocket reader may lag behind before it is dropped.")
+    viewer: bool = Field(True, description="Run the 3D viewer.")
+    log_level: str = Field("info", description="debug, info, warning or error.")
+
+    @property
+    def url(self) -> str:
+        """The database as a SQLAlchemy URL."""
+        return self.database_url or f"sqlite:///{(self.data / 'tidemap.db').as_posix()}"

@@ -1,0 +1,66 @@
+"""Regular grids: linear cell indices in C order of the shape, [i,j,k] indices, and metres."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Cell [0,0,0] has its lower corner at `origin` (metres, in `frame`); cells are cubes of `resolution_m`.
+
+    >>> grid = Grid("map", (0.0, 0.0, 0.0), 0.5, (4, 3, 2))
+    >>> grid.cell([[1, 2, 1]]).tolist(), grid.index([11]).tolist()
+    ([11], [[1, 2, 1]])
+    """
+
+    frame: str
+    origin: tuple[float, float, float]
+    resolution_m: float
+    shape: tuple[int, ...]
+
+    @cached_property
+    def n_cells(self) -> int:
+        """Number of cells."""
+        return int(np.prod(self.shape, dtype=np.int64))
+
+    @property
+    def shape3(self) -> tuple[int, int, int]:
+        """The shape with three axes; a 2D grid is one layer."""
+        nx, ny, nz = (*self.shape, 1, 1)[:3]
+        return nx, ny, nz
+
+    def index(self, cell: ArrayLike) -> NDArray[np.int64]:
+        """(n, 3) indices [i,j,k] of linear cells (n,)."""
+        return np.stack(np.unravel_index(np.asarray(cell, np.int64), self.shape3), axis=-1).astype(np.int64)
+
+    def cell(self, index: ArrayLike) -> NDArray[np.int64]:
+        """Linear cells (n,) of indices (n, 3). Raises ValueError outside of the grid."""
+        i, j, k = np.asarray(index, np.int64).T
+        return np.asarray(np.ravel_multi_index((i, j, k), self.shape3), np.int64)
+
+    def centre(self, cell: ArrayLike) -> NDArray[np.float64]:
+        """(n, 3) centres in metres."""
+        return np.asarray(np.asarray(self.origin) + (self.index(cell) + 0.5) * self.resolution_m, np.float64)
+
+    def bounding_box(self, cell: ArrayLike) -> tuple[float, ...]:
+        """[x0, y0, z0, x1, y1, z1] in metres around some cells."""
+        index = self.index(cell)
+        low, high = index.min(axis=0), index.max(axis=0) + 1
+        corners = np.concatenate([low, high]) * self.resolution_m + np.tile(self.origin, 2)
+        return tuple(float(value) for value in corners)
+
+    def inside(self, box: tuple[float, ...], cell: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Which cells have their centre in the box [x0, y0, z0, x1, y1, z1] (metres, closed)."""
+        centre = self.centre(cell)
+        return np.asarray(((centre >= box[:3]) & (centre <= box[3:])).all(axis=1))
+
+
+SINGLE = Grid("", (0.0, 0.0, 0.0), 1.0, (1,))
+"""The grid of a location of kind `state`: one cell."""
+
+NEIGHBOURS = tuple(step for step in product((-1, 0, 1), repeat=3) if step > (0, 0, 0))
+"""Half of the 26 neighbours of a cell; the other half are their opposites."""

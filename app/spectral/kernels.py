@@ -1,0 +1,211 @@
+"""Kernels on coefficients: choosing them, and evaluating them at one time or at every sample."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.spectral.bits import WORD
+from app.spectral.jit import fused_kernel, kernel
+
+Index = NDArray[np.uint16] | NDArray[np.uint32]
+
+HALF = WORD // 2
+CHUNK = 16
+"""Bins looked at together; most chunks hold none of the greatest and cost one comparison."""
+
+GATHER_BITS = np.uint64(0x0102040810204080)
+"""Times eight bytes of 0 or 1, this has them as the bits of its highest byte."""
+
+
+@kernel
+def unpack(
+    observed: NDArray[np.uint8],
+    occupied: NDArray[np.uint8],
+    row: NDArray[np.int64],
+    mean: NDArray[np.float32],
+    out: NDArray[np.float32],
+) -> None:
+    """out (n, n_samples): s - mean of the cells `row`, zero where unobserved."""
+    n_samples = out.shape[1]
+    for i in range(row.size):
+        cell, shift = row[i], mean[row[i]]
+        for byte in range(n_samples >> 3):
+            seen, full = observed[cell, byte], occupied[cell, byte]
+            for bit in range(8):
+                value = np.float32((full >> bit) & 1) - shift
+                out[i, 8 * byte + bit] = value * np.float32((seen >> bit) & 1)
+        for sample in range(n_samples & ~7, n_samples):
+            seen, full = observed[cell, sample >> 3], occupied[cell, sample >> 3]
+            value = np.float32((full >> (sample & 7)) & 1) - shift
+            out[i, sample] = value * np.float32((seen >> (sample & 7)) & 1)
+
+
+@kernel
+def greatest(
+    bins: NDArray[np.complex64],
+    scale: NDArray[np.float32],
+    nyquist: bool,
+    index: NDArray[np.int32],
+    coefficient: NDArray[np.complex64],
+) -> None:
+    """Of every row the bins of greatest magnitude, descending, of equal ones the lower frequency first.
+
+    bins (n, n_bins) with DC at 0, which is left out; index, coefficient (n, order), zero where the
+    row has fewer. With `nyquist` the last bin is its own conjugate and counts half.
+    """
+    n_bins, order = bins.shape[1], index.shape[1]
+    size = -(-n_bins // CHUNK) * CHUNK
+    power = np.zeros(size, np.float32)
+    key = power.view(np.int32)
+    best = np.empty(order, np.int32)
+    for row in range(bins.shape[0]):
+        for k in range(1, n_bins):
+            value = bins[row, k]
+            power[k] = value.real * value.real + value.imag * value.imag
+        if nyquist:
+            power[n_bins - 1] *= np.float32(0.25)
+        best[:] = 0
+        for first in range(0, size, CHUNK):
+            top = key[first]
+            for k in range(first, first + CHUNK):
+                top = max(top, key[k])
+            if top <= best[order - 1]:
+                continue
+            for k in range(first, first + CHUNK):
+                if key[k] > best[order - 1]:
+                    place = order - 1
+                    while place > 0 and best[place - 1] < key[k]:
+                        best[place] = best[place - 1]
+                        index[row, place] = index[row, place - 1]
+                        place -= 1
+                    best[place] = key[k]
+                    index[row, place] = k
+        for place in range(order):
+            if best[place] > 0:
+                k = index[row, place]
+                factor = scale[row] * np.float32(0.5 if nyquist and k == n_bins - 1 else 1.0)
+                coefficient[row, place] = bins[row, k] * factor
+
+
+@kernel
+def mark(index: NDArray[np.int32], used: NDArray[np.bool_]) -> None:
+    for row in range(index.shape[0]):
+        for place in range(index.shape[1]):
+            used[index[row, place]] = True
+
+
+@kernel
+def add_waves(
+    cell: NDArray[np.int32],
+    index: Index,
+    coefficient: NDArray[np.complex64],
+    phasor: NDArray[np.complex64],
+    out: NDArray[np.float32],
+) -> None:
+    """out[cell] += Re Σ coefficient · phasor[index]; phasor (n_waves,) carries the factor 2 and the gate."""
+    for row in range(cell.size):
+        total = np.float32(0)
+        for place in range(index.shape[1]):
+            wave, value = phasor[index[row, place]], coefficient[row, place]
+            total += value.real * wave.real - value.imag * wave.imag
+        out[cell[row]] += total
+
+
+@kernel
+def add_waves_over_time(
+    cell: NDArray[np.int32],
+    index: Index,
+    coefficient: NDArray[np.complex64],
+    phasor: NDArray[np.complex64],
+    out: NDArray[np.float32],
+) -> None:
+    """out[cell, :] += Re Σ coefficient · phasor[index, :]; phasor (n_waves, n_times)."""
+    for row in range(cell.size):
+        for place in range(index.shape[1]):
+            wave, value = index[row, place], coefficient[row, place]
+            for time in range(out.shape[1]):
+                turn = phasor[wave, time]
+                out[cell[row], time] += value.real * turn.real - value.imag * turn.imag
+
+
+@kernel
+def turns(frequency: NDArray[np.float64], time: NDArray[np.float64], out: NDArray[np.complex64]) -> None:
+    """out (n, m) = exp(2πi frequency time), the cycles reduced in float64."""
+    for i in range(frequency.size):
+        for j in range(time.size):
+            cycles = frequency[i] * time[j]
+            angle = 2 * np.pi * (cycles - np.rint(cycles))
+            out[i, j] = np.complex64(complex(np.cos(angle), np.sin(angle)))
+
+
+@kernel
+def turned(value: Any, turn: Any) -> Any:
+    """The real and the negated imaginary part of value · turn."""
+    return (
+        value.real * turn.real - value.imag * turn.imag,
+        -(value.real * turn.imag + value.imag * turn.real),
+    )
+
+
+@fused_kernel
+def threshold_blocks(
+    cell: NDArray[np.int32],
+    index: Index,
+    coefficient: NDArray[np.complex64],
+    mean: NDArray[np.float32],
+    threshold: float,
+    anchor: NDArray[np.complex64],
+    offset: NDArray[np.float32],
+    words: NDArray[np.uint64],
+) -> None:
+    """words[cell, block]: bits where mean + Re Σ … exceeds the threshold, for uniform samples.
+
+    A wave at the sample ±x from the middle of a block is anchor · exp(±iωx), so that with
+    z = coefficient · anchor the 64 samples are (even ± odd) of 32: even = Σ Re z cos ωx,
+    odd = -Σ Im z sin ωx. anchor (n_waves, n_blocks): at the middles of the blocks, with the factor
+    2; offset (n_waves, 64): cos ωx of x = ½, 1½, … 31½ samples, then sin ωx.
+    """
+    n_blocks, order = words.shape[1], index.shape[1]
+    padded = -(-order // 4) * 4
+    wave = np.zeros((padded, 2 * HALF), np.float32)
+    real, imag = np.zeros((padded, n_blocks), np.float32), np.zeros((padded, n_blocks), np.float32)
+    even, odd = np.empty(HALF, np.float32), np.empty(HALF, np.float32)
+    over = np.empty(2 * HALF, np.uint8)
+    packed = over.view(np.uint64)
+    limit = np.float32(threshold)
+    for row in range(cell.size):
+        for place in range(order):
+            which, value = index[row, place], coefficient[row, place]
+            wave[place] = offset[which]
+            for block in range(n_blocks):
+                real[place, block], imag[place, block] = turned(value, anchor[which, block])
+        for block in range(n_blocks):
+            even[:] = mean[cell[row]]
+            odd[:] = np.float32(0)
+            for place in range(0, padded, 4):
+                a, b = real[place, block], real[place + 1, block]
+                c, d = real[place + 2, block], real[place + 3, block]
+                e, f = imag[place, block], imag[place + 1, block]
+                g, h = imag[place + 2, block], imag[place + 3, block]
+                for x in range(HALF):
+                    even[x] += (a * wave[place, x] + b * wave[place + 1, x]) + (
+                        c * wave[place + 2, x] + d * wave[place + 3, x]
+                    )
+                    odd[x] += (e * wave[place, HALF + x] + f * wave[place + 1, HALF + x]) + (
+                        g * wave[place + 2, HALF + x] + h * wave[place + 3, HALF + x]
+                    )
+            for x in range(HALF):
+                over[HALF + x] = even[x] + odd[x] > limit
+                over[HALF - 1 - x] = even[x] - odd[x] > limit
+            word = np.uint64(0)
+            for eight in range(8):
+                word |= ((packed[eight] * GATHER_BITS) >> np.uint64(56)) << np.uint64(8 * eight)
+            words[cell[row], block] = word
+
+
+def warm() -> None:
+    """Compile all kernels or load them from the cache: see `app.spectral.warm`."""
+    from app.spectral.warm import warm  # noqa: PLC0415 (it uses everything above this module)
+
+    warm()

@@ -1,0 +1,1 @@
+"""Tables, repositories, the writer with its group commit, and the codecs of what is stored."""

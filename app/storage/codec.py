@@ -1,0 +1,86 @@
+"""How arrays become the bytes of a row: a version byte, a CRC-32, then a zstd frame of a header and the raw columns.
+
+Layout of a sealed blob: `version u8 | crc32 of the rest u32le | zstd(header length u32le | header JSON | columns)`.
+Arrays are little-endian in C order, so the bytes are the same on every machine.
+"""
+
+import json
+import struct
+import zlib
+from collections.abc import Mapping
+from functools import partial
+from threading import local
+
+import numpy as np
+import zstandard
+from numpy.typing import NDArray
+
+from app.errors import CorruptChunkError
+
+VERSION = 1
+_PREFIX = struct.Struct("<BI")
+_LENGTH = struct.Struct("<I")
+_LEVEL = 3
+_per_thread = local()
+
+Columns = Mapping[str, NDArray[np.generic]]
+
+
+def seal(columns: Columns) -> bytes:
+    """Pack named arrays into one blob.
+
+    >>> unseal(seal({"cell": np.arange(3, dtype=np.uint32)}), "doc")["cell"].tolist()
+    [0, 1, 2]
+    """
+    arrays = {name: np.ascontiguousarray(column) for name, column in columns.items()}
+    header = json.dumps([[name, array.dtype.str, array.shape] for name, array in arrays.items()]).encode()
+    parts = [_LENGTH.pack(len(header)), header, *(array.tobytes() for array in arrays.values())]
+    frame = _compressor().compress(b"".join(parts))
+    return _PREFIX.pack(VERSION, zlib.crc32(frame)) + frame
+
+
+def unseal(blob: bytes, what: str) -> dict[str, NDArray[np.generic]]:
+    """The arrays of a blob, read-only. Raises CorruptChunkError naming `what` when it is not as it was sealed."""
+    problem = partial(_corrupt, what)
+    if len(blob) < _PREFIX.size:
+        raise problem("it is cut short")
+    version, checksum = _PREFIX.unpack_from(blob)
+    frame = memoryview(blob)[_PREFIX.size :]
+    if version != VERSION:
+        raise problem(f"its format is {version}, this version reads {VERSION}")
+    if zlib.crc32(frame) != checksum:
+        raise problem("its checksum is wrong")
+    try:
+        return _split(_decompressor().decompress(frame))
+    except (zstandard.ZstdError, ValueError, struct.error, TypeError) as error:
+        raise problem(str(error)) from error
+
+
+def _split(body: bytes) -> dict[str, NDArray[np.generic]]:
+    (length,) = _LENGTH.unpack_from(body)
+    position = _LENGTH.size + length
+    columns: dict[str, NDArray[np.generic]] = {}
+    for name, dtype, shape in json.loads(body[_LENGTH.size : position]):
+        count = int(np.prod(shape, dtype=np.int64))
+        array = np.frombuffer(body, np.dtype(dtype), count, position)
+        columns[name] = array.reshape(shape)
+        position += array.nbytes
+    return columns
+
+
+def _corrupt(what: str, why: str) -> CorruptChunkError:
+    return CorruptChunkError(f"The stored {what} is corrupt: {why}. Restore it from a backup; the rest is readable.")
+
+
+def _compressor() -> zstandard.ZstdCompressor:
+    if not hasattr(_per_thread, "compressor"):
+        _per_thread.compressor = zstandard.ZstdCompressor(level=_LEVEL)
+    compressor: zstandard.ZstdCompressor = _per_thread.compressor
+    return compressor
+
+
+def _decompressor() -> zstandard.ZstdDecompressor:
+    if not hasattr(_per_thread, "decompressor"):
+        _per_thread.decompressor = zstandard.ZstdDecompressor()
+    decompressor: zstandard.ZstdDecompressor = _per_thread.decompressor
+    return decompressor

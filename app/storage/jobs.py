@@ -1,0 +1,73 @@
+"""The repository of jobs."""
+
+import json
+from typing import Any
+
+from sqlalchemy import Connection, RowMapping, insert, select, update
+
+from app.errors import JobNotFoundError
+from app.storage.counters import take
+from app.storage.records import JobRecord
+from app.storage.tables import job, location
+
+_ROWS = select(job, location.c.name.label("location")).join(location, location.c.id == job.c.location_id)
+
+
+class Jobs:
+    """Jobs in the order in which they were asked for."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+
+    def create(self, location_id: int, kind: str, request: dict[str, Any], now: float) -> JobRecord:
+        """Queue a job."""
+        number = take(self._connection, "job")
+        values = {"location_id": location_id, "id": number, "kind": kind, "state": "queued", "progress": 0.0}
+        self._connection.execute(insert(job).values(request=json.dumps(request), created_at=now, **values))
+        return self.get(number)
+
+    def get(self, job_id: int) -> JobRecord:
+        """Raises JobNotFoundError."""
+        row = self._connection.execute(_ROWS.where(job.c.id == job_id)).mappings().first()
+        if row is None:
+            raise JobNotFoundError(job_id)
+        return _record(row)
+
+    def list(self, after: int | None, limit: int, location_name: str | None = None) -> list[JobRecord]:
+        """Newest first; `after` is the last id of the page before."""
+        query = _ROWS.order_by(job.c.id.desc()).limit(limit)
+        if after is not None:
+            query = query.where(job.c.id < after)
+        if location_name is not None:
+            query = query.where(location.c.name == location_name)
+        return [_record(row) for row in self._connection.execute(query).mappings()]
+
+    def claim(self, now_running: frozenset[int]) -> JobRecord | None:
+        """The oldest queued job whose location is not among those running here, set to running."""
+        query = _ROWS.where(job.c.state == "queued").order_by(job.c.id)
+        if now_running:
+            query = query.where(job.c.location_id.not_in(now_running))
+        for row in self._connection.execute(query.limit(8)).mappings():
+            if self.transition(row["id"], "queued", state="running"):
+                return self.get(row["id"])
+        return None
+
+    def transition(self, job_id: int, expected: str, **values: Any) -> bool:
+        """Change a job that is in the expected state; False when it is not."""
+        query = update(job).where(job.c.id == job_id, job.c.state == expected).values(**values)
+        return self._connection.execute(query).rowcount == 1
+
+    def progress(self, job_id: int, progress: float) -> None:
+        """How far a running job is, 0 to 1."""
+        self._connection.execute(update(job).where(job.c.id == job_id).values(progress=progress))
+
+    def requeue_running(self) -> None:
+        """After a restart: what was running runs again."""
+        self._connection.execute(update(job).where(job.c.state == "running").values(state="queued", progress=0.0))
+
+
+def _record(row: RowMapping) -> JobRecord:
+    values = {name: row[name] for name in JobRecord.__dataclass_fields__}
+    values["request"] = json.loads(row["request"])
+    values["result"] = json.loads(row["result"]) if row["result"] else None
+    return JobRecord(**values)

@@ -1,0 +1,47 @@
+"""The repository of API keys."""
+
+from sqlalchemy import Connection, delete, func, insert, select
+
+from app.errors import KeyNotFoundError
+from app.storage.records import KeyRecord
+from app.storage.tables import api_key
+
+
+class Keys:
+    """Keys by the hash of their secret."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+
+    def create(self, name: str, role: str, prefix: str, digest: bytes, now: float) -> KeyRecord:
+        """Store a new key."""
+        values = {"name": name, "role": role, "prefix": prefix, "hash": digest, "created_at": now}
+        self._connection.execute(insert(api_key).values(**values))
+        found = self.find(digest)
+        if found is None:
+            raise KeyNotFoundError(name)
+        return found
+
+    def find(self, digest: bytes) -> KeyRecord | None:
+        """The key whose secret has this hash."""
+        row = self._connection.execute(select(api_key).where(api_key.c.hash == digest)).mappings().first()
+        return None if row is None else KeyRecord(**row)
+
+    def get(self, key_id: int) -> KeyRecord | None:
+        """The key with this id."""
+        row = self._connection.execute(select(api_key).where(api_key.c.id == key_id)).mappings().first()
+        return None if row is None else KeyRecord(**row)
+
+    def list(self) -> list[KeyRecord]:
+        """In order of creation."""
+        rows = self._connection.execute(select(api_key).order_by(api_key.c.id)).mappings()
+        return [KeyRecord(**row) for row in rows]
+
+    def count(self) -> int:
+        """How many keys there are."""
+        return int(self._connection.execute(select(func.count()).select_from(api_key)).scalar_one())
+
+    def delete(self, key_id: int) -> None:
+        """Raises KeyNotFoundError."""
+        if self._connection.execute(delete(api_key).where(api_key.c.id == key_id)).rowcount == 0:
+            raise KeyNotFoundError(key_id)

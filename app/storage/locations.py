@@ -1,0 +1,69 @@
+"""The repository of locations."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from sqlalchemy import Connection, delete, func, insert, select, update
+
+from app.errors import LocationExistsError, LocationNotFoundError
+from app.storage.records import LocationRecord
+from app.storage.tables import anomaly, location
+
+
+class Locations:
+    """Locations by name."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+
+    def get(self, name: str) -> LocationRecord:
+        """Raises LocationNotFoundError."""
+        row = self._connection.execute(select(location).where(location.c.name == name)).mappings().first()
+        if row is None:
+            raise LocationNotFoundError(name)
+        return LocationRecord.of(row)
+
+    def list(self, after: str | None = None, limit: int | None = None) -> list[LocationRecord]:
+        """In order of their names."""
+        query = select(location).order_by(location.c.name).limit(limit)
+        if after is not None:
+            query = query.where(location.c.name > after)
+        return [LocationRecord.of(row) for row in self._connection.execute(query).mappings()]
+
+    def names(self) -> dict[int, str]:
+        """Name by id."""
+        rows = self._connection.execute(select(location.c.id, location.c.name))
+        return {row.id: row.name for row in rows}
+
+    def open_anomalies(self) -> dict[int, int]:
+        """How many unacknowledged anomalies each location id has; ids without any are left out."""
+        query = (
+            select(anomaly.c.location_id, func.count())
+            .where(anomaly.c.acknowledged.is_(False))
+            .group_by(anomaly.c.location_id)
+        )
+        return {row[0]: row[1] for row in self._connection.execute(query)}
+
+    def create(self, values: Mapping[str, Any]) -> LocationRecord:
+        """Raises LocationExistsError."""
+        self._refuse_taken(values["name"])
+        self._connection.execute(insert(location).values(**values))
+        return self.get(values["name"])
+
+    def change(self, name: str, values: Mapping[str, Any]) -> LocationRecord:
+        """Raises LocationNotFoundError, LocationExistsError."""
+        record = self.get(name)
+        new_name = values.get("name", name)
+        if new_name != name:
+            self._refuse_taken(new_name)
+        if values:
+            self._connection.execute(update(location).where(location.c.id == record.id).values(**values))
+        return self.get(new_name)
+
+    def delete(self, name: str) -> None:
+        """With everything that belongs to it. Raises LocationNotFoundError."""
+        self._connection.execute(delete(location).where(location.c.id == self.get(name).id))
+
+    def _refuse_taken(self, name: str) -> None:
+        if self._connection.execute(select(location.c.id).where(location.c.name == name)).first():
+            raise LocationExistsError(name)

@@ -1,0 +1,75 @@
+"""The store: a database with its readers and its one writer."""
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from contextlib import contextmanager
+from typing import TypeVar
+
+from app.storage.engine import open_reader, open_writer
+from app.storage.migrate import check_version, current_version, migrate
+from app.storage.work import Work
+from app.storage.writer import Writer
+
+Result = TypeVar("Result")
+
+
+def migrate_database(url: str) -> None:
+    """Bring the database at `url` to this version's schema. Raises SchemaVersionError when it is a newer one."""
+    engine = open_writer(url)
+    try:
+        with engine.begin() as connection:
+            migrate(connection)
+    finally:
+        engine.dispose()
+
+
+def prepare_database(url: str) -> None:
+    """Migrate what nobody else shares, a SQLite file, and what is empty; refuse an outdated shared database.
+
+    Raises SchemaVersionError saying what to do.
+    """
+    engine = open_writer(url)
+    try:
+        with engine.begin() as connection:
+            if connection.dialect.name == "sqlite" or current_version(connection) is None:
+                migrate(connection)
+            else:
+                check_version(connection)
+    finally:
+        engine.dispose()
+
+
+class Store:
+    """Open with the URL of a migrated database; SchemaVersionError otherwise."""
+
+    def __init__(self, url: str, commit_queue: int = 1024, commit_batch: int = 128) -> None:
+        self._reader = open_reader(url)
+        self._writer_engine = open_writer(url)
+        with self._reader.begin() as connection:
+            check_version(connection)
+        self._writer = Writer(self._writer_engine, commit_queue, commit_batch)
+
+    @contextmanager
+    def read(self) -> Iterator[Work]:
+        """A unit of work that sees one snapshot and writes nothing."""
+        with self._reader.connect() as connection, connection.begin() as transaction:
+            yield Work.on(connection)
+            transaction.rollback()
+
+    def submit(self, run: Callable[[Work], Result]) -> Future[Result]:
+        """Queue a write; see `Writer.submit`."""
+        return self._writer.submit(run)
+
+    def write(self, run: Callable[[Work], Result]) -> Result:
+        """Queue a write and wait until it is durable."""
+        return self._writer.submit(run).result()
+
+    def waiting(self) -> int:
+        """How many writes wait for the writer."""
+        return self._writer.waiting()
+
+    def close(self) -> None:
+        """Finish the writes that were taken and let go of the database."""
+        self._writer.close()
+        self._reader.dispose()
+        self._writer_engine.dispose()

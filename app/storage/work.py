@@ -1,0 +1,36 @@
+"""Unit of work: all repositories on one connection, in one transaction that somebody else ends."""
+
+from dataclasses import dataclass
+
+from sqlalchemy import Connection
+
+from app.storage.anomalies import Anomalies
+from app.storage.jobs import Jobs
+from app.storage.keys import Keys
+from app.storage.locations import Locations
+from app.storage.observations import Observations
+from app.storage.spectra import Spectra
+
+
+@dataclass(frozen=True, slots=True)
+class Work:
+    """What one transaction can do."""
+
+    locations: Locations
+    observations: Observations
+    spectra: Spectra
+    anomalies: Anomalies
+    jobs: Jobs
+    keys: Keys
+
+    @classmethod
+    def on(cls, connection: Connection) -> "Work":
+        """All repositories on this connection."""
+        return cls(
+            Locations(connection),
+            Observations(connection),
+            Spectra(connection),
+            Anomalies(connection),
+            Jobs(connection),
+            Keys(connection),
+        )

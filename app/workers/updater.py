@@ -1,0 +1,103 @@
+"""The updater: runs queued jobs, refits locations whose history has grown, compacts long logs."""
+
+import logging
+from threading import Event, Thread
+
+from app.errors import ShuttingDownError, TidemapError
+from app.events.messages import Message
+from app.services.context import Context
+from app.services.history import compact
+from app.services.jobs import claim_job, request_update, requeue_interrupted, run_job
+from app.services.update import UpdateRequest
+from app.storage.records import LocationRecord, RevisionRecord
+from app.workers.executors import LocalExecutor
+
+log = logging.getLogger(__name__)
+COMPACT_POSTS = 64
+
+
+class Updater:
+    """One thread that takes job after job; an update's chunks run on the executor's threads."""
+
+    def __init__(self, ctx: Context) -> None:
+        self._ctx = ctx
+        self._wake = Event()
+        self._stop = Event()
+        self._executor = LocalExecutor(ctx.settings.update_threads)
+        self._thread = Thread(target=self._loop, name="tidemap-updater", daemon=True)
+        self._unsubscribe = ctx.bus.subscribe(self._listen)
+
+    def start(self) -> None:
+        """Begin; jobs that a stopped process left running are queued again."""
+        requeue_interrupted(self._ctx)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Finish the tasks at hand and end."""
+        self._unsubscribe()
+        self._stop.set()
+        self._wake.set()
+        self._executor.close()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def alive(self) -> bool:
+        """Whether it is at work."""
+        return self._thread.is_alive()
+
+    def _listen(self, message: Message) -> None:
+        if message.kind == "job" and message.data.get("state") == "queued":
+            self._wake.set()
+
+    def _loop(self) -> None:
+        while not self._stop.is_set():
+            try:
+                self._run_jobs()
+                if self._ctx.settings.updater and not self._stop.is_set():
+                    self._look_around()
+            except ShuttingDownError:
+                return
+            except Exception:
+                log.exception("the updater failed and goes on")
+            self._wake.wait(self._ctx.settings.updater_interval_s)
+            self._wake.clear()
+
+    def _run_jobs(self) -> None:
+        while not self._stop.is_set():
+            record = claim_job(self._ctx, frozenset())
+            if record is None:
+                return
+            try:
+                run_job(self._ctx, record, self._executor)
+            except RuntimeError:
+                if not self._stop.is_set():
+                    raise
+
+    def _look_around(self) -> None:
+        with self._ctx.store.read() as work:
+            places, revisions = work.locations.list(), work.spectra.current()
+        for place in places:
+            if self._stop.is_set():
+                return
+            try:
+                self._care_for(place, revisions.get(place.id))
+            except TidemapError as error:
+                log.warning("location %s: %s", place.name, error)
+
+    def _care_for(self, place: LocationRecord, revision: RevisionRecord | None) -> None:
+        if is_due(self._ctx, place, revision):
+            request_update(self._ctx, place.name, UpdateRequest())
+        elif place.observation_seq - place.compacted_seq >= COMPACT_POSTS:
+            compact(self._ctx, place.name)
+
+
+def is_due(ctx: Context, place: LocationRecord, revision: RevisionRecord | None) -> bool:
+    """Whether the history has grown enough since the last update, or for the first one."""
+    settings = ctx.settings
+    if place.first_time is None or place.last_time is None:
+        return False
+    if revision is None:
+        return (place.last_time - place.first_time) / place.interval_s >= settings.update_samples
+    grown = place.measurements - revision.measurements
+    rested = ctx.clock() - revision.updated_at >= settings.update_rest_s
+    return rested and grown >= settings.update_growth * revision.measurements

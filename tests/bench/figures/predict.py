@@ -1,0 +1,45 @@
+"""predict: the probability of every cell of a large grid at one time, against copying its coefficients."""
+
+import numpy as np
+
+from app.spectral.prediction import predict
+from app.spectral.spectrum import Spectrum
+from tests.bench.timing import Figure, interleaved
+
+N_CELLS, N_WAVES, ORDER, WEEK_S = 1_000_000, 1008, 15, 604_800.0
+
+
+def grid() -> Spectrum:
+    """Every cell with frequencies of its own among the bins of a week of five-minute samples."""
+    random = np.random.default_rng(2)
+    parts = random.standard_normal((N_CELLS, ORDER, 2), np.float32) * np.float32(0.05)
+    return Spectrum(
+        link="identity",
+        origin_s=0.0,
+        time_zone=None,
+        frequency_hz=np.arange(1, N_WAVES + 1) / WEEK_S,
+        gate=np.zeros(N_WAVES, np.uint8),
+        mean=random.random(N_CELLS, np.float32),
+        cell=np.arange(N_CELLS, dtype=np.int32),
+        index=random.integers(0, N_WAVES, (N_CELLS, ORDER), np.uint16),
+        coefficient=parts.view(np.complex64)[:, :, 0],
+    )
+
+
+def measure() -> Figure:
+    spectrum = grid()
+    index, coefficient = np.empty_like(spectrum.index), np.empty_like(spectrum.coefficient)
+
+    def copy() -> None:
+        np.copyto(index, spectrum.index)
+        np.copyto(coefficient, spectrum.coefficient)
+
+    def one() -> None:
+        predict(spectrum, 1e6)
+
+    def two() -> None:
+        predict(spectrum, 1e6, threads=2)
+
+    floor, value, threaded = interleaved(copy, one, two)
+    details = {"cells": N_CELLS, "order": ORDER, "threads": 1, "two_threads": round(threaded * 1e3, 2)}
+    return Figure(value * 1e3, floor * 1e3, 2.0, "ms", details)

@@ -1,0 +1,155 @@
+"""The core's theorems, over histories that hypothesis thinks of."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from app.spectral.estimators import ESTIMATORS
+from app.spectral.history import NEVER, UNOBSERVED, History
+from app.spectral.model import add, reconstruct, update
+from app.spectral.outliers import find_outliers
+from app.spectral.prediction import predict_slow, predict_times
+from app.spectral.spectrum import components
+from app.spectral.timebase import TimeBase
+
+BASE = TimeBase(1.7e9, 300.0)
+STATES = hnp.arrays(
+    np.uint8,
+    st.tuples(st.integers(1, 4), st.integers(1, 300)),
+    elements=st.integers(0, 2),
+    fill=st.integers(0, 2),
+)
+HISTORIES = st.builds(History.from_states, STATES, start=st.integers(-(10**7), 10**7))
+ORDERS = st.integers(0, 20)
+NAMES = st.sampled_from(sorted(ESTIMATORS))
+quick = settings(max_examples=60, deadline=None)
+
+
+@quick
+@given(HISTORIES, NAMES, ORDERS, ORDERS)
+def test_reconstruction_is_lossless_and_the_order_can_change(
+    history: History, estimator: str, order: int, other: int
+) -> None:
+    states = reconstruct(update(history, estimator, order, BASE))
+    np.testing.assert_array_equal(states, history.states())
+    again = update(History.from_states(states, history.start), estimator, other, BASE)
+    np.testing.assert_array_equal(reconstruct(again), history.states())
+
+
+@quick
+@given(HISTORIES, ORDERS, st.integers(-100, 400), st.integers(0, 200))
+def test_any_part_reconstructs_as_the_whole_does(history: History, order: int, first: int, n: int) -> None:
+    model = update(history, "fft", order, BASE)
+    start = history.start + first
+    np.testing.assert_array_equal(
+        reconstruct(model, start, start + n), history.window(start, start + n).states()
+    )
+
+
+@quick
+@given(HISTORIES, ORDERS, st.integers(-200, 500), st.integers(0, 1))
+def test_an_added_measurement_is_reconstructed(history: History, order: int, at: int, state: int) -> None:
+    sample = history.start + at
+    model = add(update(history, "fft", order, BASE), sample, state)
+    newer = History.from_measurements(history.n_cells, sample, sample + 1, [0], [sample], [state])
+    np.testing.assert_array_equal(reconstruct(model), history.overlay(newer).states())
+
+
+@quick
+@given(HISTORIES, ORDERS)
+def test_outliers_are_where_the_direct_sum_differs(history: History, order: int) -> None:
+    model = update(history, "fft", order, BASE)
+    truth = predict_slow(model.spectrum, BASE.time(np.arange(history.start, history.stop)))
+    states = history.states()
+    wrong = np.zeros(states.shape, bool)
+    for cell in range(history.n_cells):
+        for start, stop in model.outliers.of(cell) - history.start:
+            wrong[cell, start:stop] = True
+    # Within float32 rounding of 0.5 either answer is right.
+    clear = (np.abs(truth - 0.5) > 2e-5) | (states == UNOBSERVED)
+    np.testing.assert_array_equal(wrong[clear], (((truth > 0.5) != states) & (states != UNOBSERVED))[clear])
+
+
+@quick
+@given(HISTORIES, NAMES, ORDERS, hnp.arrays(np.float64, 5, elements=st.floats(-4e9, 4e9)))
+def test_probabilities_are_in_0_to_1_or_never_observed(
+    history: History, estimator: str, order: int, time: np.ndarray
+) -> None:
+    p = predict_times(update(history, estimator, order, BASE).spectrum, time)
+    np.testing.assert_array_equal(np.isnan(p), np.repeat(~history.ever_observed()[:, None], 5, axis=1))
+    assert np.all(np.isnan(p) | ((p >= 0) & (p <= 1)))
+
+
+@quick
+@given(HISTORIES, st.integers(-(10**6), 10**6))
+def test_shifting_all_times_shifts_the_prediction(history: History, shift: int) -> None:
+    later = History(history.start + shift, history.n_samples, history.observed, history.occupied)
+    one, other = (update(each, "fft", 6, BASE).spectrum for each in (history, later))
+    np.testing.assert_array_equal(one.coefficient, other.coefficient)
+    np.testing.assert_array_equal(one.frequency_hz, other.frequency_hz)
+    samples = history.start + np.arange(0, 600, 37)
+    np.testing.assert_allclose(
+        predict_times(one, BASE.time(samples)), predict_times(other, BASE.time(samples + shift)), atol=2e-5
+    )
+
+
+@quick
+@given(st.integers(2, 200), st.integers(0, 199), st.data())
+def test_turning_a_window_only_rotates_phases(n: int, turn: int, data: st.DataObject) -> None:
+    states = data.draw(hnp.arrays(np.uint8, (1, n), elements=st.integers(0, 1)))
+    everything = n // 2
+    one = components(update(History.from_states(states), "fft", everything, BASE).spectrum, 0)
+    turned = np.roll(states, turn, axis=1)
+    other = components(update(History.from_states(turned), "fft", everything, BASE).spectrum, 0)
+    np.testing.assert_allclose(
+        np.sort(one.amplitude), np.sort(other.amplitude)[-one.amplitude.size :], atol=1e-5
+    )
+
+
+@quick
+@given(HISTORIES)
+def test_intervals_and_states_come_back(history: History) -> None:
+    for copy in (
+        History.from_intervals(history.intervals(), history.start, history.stop),
+        History.from_states(history.states(), history.start),
+    ):
+        np.testing.assert_array_equal(copy.observed, history.observed)
+        np.testing.assert_array_equal(copy.occupied, history.occupied)
+        copy.check()
+
+
+@quick
+@given(HISTORIES, st.integers(-20, 320))
+def test_last_seen_is_the_last_observed_column(history: History, at: int) -> None:
+    sample = history.start + at
+    state, seen = history.last_seen(sample)
+    before = history.window(history.start, max(history.start, min(sample + 1, history.stop))).states()
+    for cell in range(history.n_cells):
+        observed = np.flatnonzero(before[cell] != UNOBSERVED)
+        expected = (before[cell, observed[-1]], history.start + observed[-1]) if observed.size else (2, NEVER)
+        assert (state[cell], seen[cell]) == expected
+
+
+@quick
+@given(HISTORIES, st.integers(0, 40))
+def test_hold_is_a_bounded_forward_fill(history: History, hold: int) -> None:
+    states = history.states()
+    expected = states.copy()
+    for cell, sample in np.argwhere(states != UNOBSERVED):
+        for later in range(sample + 1, min(sample + hold + 1, history.n_samples)):
+            if states[cell, later] != UNOBSERVED:
+                break
+            expected[cell, later] = states[cell, sample]
+    np.testing.assert_array_equal(history.hold(hold).check().states(), expected)
+
+
+@quick
+@given(HISTORIES, st.integers(-(10**7), 10**7), st.integers(0, 300))
+def test_outliers_of_any_history_are_consistent(history: History, start: int, n: int) -> None:
+    """A spectrum judges any window, near its fit or years away."""
+    spectrum = update(history, "fft", 4, BASE).spectrum
+    window = history.window(start, start + n)
+    outliers = find_outliers(spectrum, window, BASE)
+    assert np.all(outliers.start < outliers.stop)
+    assert outliers.offset[-1] == outliers.start.size

@@ -1,0 +1,124 @@
+"""Answers as arrays."""
+
+import json
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from app.client import answers
+
+META = {
+    "time": "2026-03-01T09:00:00Z",
+    "confidence": 0.9,
+    "estimator": "fft",
+    "order": 3,
+    "revision": 7,
+    "shape": [2, 2],
+}
+
+
+def state_bytes(**columns: pa.Array) -> bytes:
+    batch = pa.RecordBatch.from_pydict(columns).replace_schema_metadata({"tidemap": json.dumps(META)})
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_stream(sink, batch.schema) as stream:
+        stream.write_batch(batch)
+    return bytes(sink.getvalue())
+
+
+def columns(**more: pa.Array) -> dict[str, pa.Array]:
+    return {
+        "cell": pa.array([0, 3], pa.uint32()),
+        "probability": pa.array([0.25, 1.0], pa.float32()),
+        "state": pa.array([0, 1], pa.uint8()),
+        "verdict": pa.array(["uncertain", "occupied"]),
+    } | more
+
+
+def test_a_state_carries_its_columns_and_metadata() -> None:
+    state = answers.state(state_bytes(**columns()))
+    assert (state.time, state.revision, state.shape, state.order) == (1772355600, 7, (2, 2), 3)
+    assert (state.estimator, state.confidence) == ("fft", 0.9)
+    assert state.verdict.tolist() == ["uncertain", "occupied"]
+    assert (state.observed, state.observed_time) == (None, None)
+
+
+def test_verdicts_may_be_dictionary_encoded() -> None:
+    verdict = pa.DictionaryArray.from_arrays(pa.array([2, 1], pa.uint8()), ["free", "occupied", "uncertain"])
+    assert answers.state(state_bytes(**columns(verdict=verdict))).verdict.tolist() == [
+        "uncertain",
+        "occupied",
+    ]
+
+
+def test_dense_puts_cells_in_c_order_and_leaves_the_unknown_unknown() -> None:
+    state = answers.state(state_bytes(**columns()))
+    np.testing.assert_array_equal(state.dense(), np.array([[0.25, np.nan], [np.nan, 1]], np.float32))
+    np.testing.assert_array_equal(state.dense("state"), [[0, -1], [-1, 1]])
+
+
+def test_what_was_never_observed_is_minus_one_and_nan() -> None:
+    state = answers.state(
+        state_bytes(**columns(observed=pa.array([None, 1], pa.uint8()), observed_time=pa.array([None, 60.0])))
+    )
+    assert state.observed is not None
+    assert state.observed_time is not None
+    assert state.observed.tolist() == [answers.UNKNOWN, 1]
+    np.testing.assert_array_equal(state.observed_time, [np.nan, 60])
+
+
+def test_a_column_that_was_not_asked_for_says_how_to_get_it() -> None:
+    with pytest.raises(ValueError, match="observed=True"):
+        answers.state(state_bytes(**columns())).dense("observed")
+
+
+def test_an_empty_state_is_no_error() -> None:
+    empty = {name: column.slice(0, 0) for name, column in columns().items()}
+    state = answers.state(state_bytes(**empty))
+    assert (len(state.cell), len(state.verdict)) == (0, 0)
+    assert np.isnan(state.dense()).all()
+
+
+def test_a_prediction_is_cells_by_times() -> None:
+    said = {
+        "time": [0.0, 60.0, 120.0],
+        "cell": [4, 9],
+        "confidence": 0.9,
+        "probability": [[0.0, 0.5, 1.0], [None, None, None]],
+        "state": [[0, 0, 1], [None, None, None]],
+        "entropy": [[0.0, 1.0, 0.0], [None, None, None]],
+        "revision": 2,
+    }
+    prediction = answers.prediction(json.dumps(said).encode())
+    assert prediction.probability.shape == prediction.state.shape == prediction.entropy.shape == (2, 3)
+    assert prediction.probability[0].tolist() == [0, 0.5, 1]
+    assert prediction.state.tolist() == [[0, 0, 1], [-1, -1, -1]]
+    assert np.isnan(prediction.entropy[1]).all()
+    assert (prediction.cell.tolist(), prediction.revision, prediction.confidence) == ([4, 9], 2, 0.9)
+
+
+def test_a_prediction_of_no_cells_keeps_its_shape() -> None:
+    said = {
+        "time": [0.0],
+        "cell": [],
+        "confidence": 0.9,
+        "probability": [],
+        "state": [],
+        "entropy": [],
+        "revision": 1,
+    }
+    assert answers.prediction(json.dumps(said).encode()).probability.shape == (0, 1)
+
+
+def test_a_series_marks_what_is_unknown() -> None:
+    said = {
+        "cell": 1,
+        "time": [0, 60],
+        "probability": [0.5, None],
+        "state": [0, None],
+        "observed": [None, 1],
+        "revision": 0,
+    }
+    series = answers.series(json.dumps(said).encode())
+    assert (series.state.tolist(), series.observed.tolist(), series.cell) == ([0, -1], [-1, 1], 1)
+    assert np.isnan(series.probability[1])

@@ -1,0 +1,149 @@
+"""Spectrum, civil time and prediction: the shape, and every fast path against the direct sum."""
+
+from dataclasses import replace
+from datetime import datetime
+from zoneinfo import ZoneInfo
+
+import numpy as np
+import pytest
+
+from app.spectral import prediction, reconstruction
+from app.spectral.bits import WORD
+from app.spectral.civil import civil_seconds
+from app.spectral.estimators import fit
+from app.spectral.history import History
+from app.spectral.prediction import entropy, predict, predict_slow, predict_times, state, verdict
+from app.spectral.spectrum import Spectrum, components, concatenate, select, truncate
+from app.spectral.timebase import TimeBase
+
+BASE = TimeBase(epoch=1.7e9, interval_s=300.0)
+BOUND = 2e-5
+"""How far the float32 gathers may be from the direct float64 sum at order 15."""
+
+
+def spectrum(n_cells: int = 40, order: int = 15) -> Spectrum:
+    """Cell 0 constant, cell 1 never observed, the others varying."""
+    states = np.random.default_rng(3).integers(0, 2, (n_cells, 576)).astype(np.uint8)
+    states[0], states[1] = 1, 2
+    return fit(History.from_states(states, start=11), "fft", order, BASE)
+
+
+def calendar(link: str = "logit") -> Spectrum:
+    """Gated waves on civil time, as `calendar` will have them."""
+    fitted = spectrum()
+    gate = (np.arange(fitted.n_waves) % 3 == 0).astype(np.uint8)
+    return replace(fitted, gate=gate, time_zone="Europe/London", link=link)
+
+
+@pytest.mark.parametrize("model", [spectrum(), calendar(), calendar("identity")])
+def test_every_fast_path_gives_the_direct_sum(model: Spectrum) -> None:
+    times = BASE.time(np.arange(-700, 1500, 7) + 0.3)
+    truth = predict_slow(model, times)
+    np.testing.assert_allclose(predict_times(model, times), truth, atol=BOUND)
+    np.testing.assert_allclose(predict(model, times[5]), truth[:, 5], atol=BOUND)
+    cells = np.array([5, 1, 0, 5, 39])
+    np.testing.assert_allclose(predict(model, times[5], cells), truth[cells, 5], atol=BOUND)
+    np.testing.assert_array_equal(predict_times(model, times, cells), predict_times(model, times)[cells])
+
+
+@pytest.mark.parametrize("model", [spectrum(), calendar(), calendar("identity")])
+def test_the_words_are_the_thresholded_direct_sum(model: Spectrum) -> None:
+    start, stop = -130, 700
+    words = reconstruction.predicted_words(model, BASE, start, stop)
+    first = WORD * (start // WORD)
+    bits = np.unpackbits(words.view(np.uint8), axis=1, bitorder="little")
+    truth = predict_slow(model, BASE.time(first + np.arange(bits.shape[1])))
+    clear = np.abs(truth - 0.5) > BOUND
+    np.testing.assert_array_equal(bits[clear], (truth > 0.5)[clear])
+
+
+@pytest.mark.parametrize("model", [spectrum(), calendar()])
+def test_small_tables_change_nothing(model: Spectrum, monkeypatch: pytest.MonkeyPatch) -> None:
+    times = BASE.time(np.arange(300))
+    whole = predict_times(model, times), reconstruction.predicted_words(model, BASE, 0, 900)
+    monkeypatch.setattr(prediction, "TABLE_SIZE", 1)
+    monkeypatch.setattr(reconstruction, "TABLE_SIZE", 1)
+    np.testing.assert_array_equal(predict_times(model, times), whole[0])
+    np.testing.assert_array_equal(reconstruction.predicted_words(model, BASE, 0, 900), whole[1])
+
+
+def test_threads_change_nothing() -> None:
+    model = spectrum()
+    np.testing.assert_array_equal(predict(model, 1.7e9), predict(model, 1.7e9, threads=3))
+
+
+def test_cells_without_waves() -> None:
+    model = spectrum()
+    probability = predict(model, 0.0)
+    assert probability[0] == 1
+    assert np.isnan(probability[1])
+    assert components(model, 0).amplitude.size == 0
+
+
+def test_components_sum_to_the_prediction() -> None:
+    model, time = spectrum(), 1.7e9 + 12_345.0
+    found = components(model, 7)
+    assert np.all(np.diff(found.amplitude) <= 0)
+    angle = 2 * np.pi * found.frequency_hz * (time - model.origin_s) + found.phase
+    value = model.mean[7] + np.sum(found.amplitude * np.cos(angle))
+    np.testing.assert_allclose(np.clip(value, 0, 1), predict(model, time, [7])[0], atol=BOUND)
+
+
+def test_truncating_is_fitting_at_the_smaller_order() -> None:
+    for order in (0, 1, 6):
+        same(truncate(spectrum(order=15), order), spectrum(order=order))
+
+
+def test_chunks_concatenate_to_the_whole() -> None:
+    whole = spectrum()
+    chunks = [select(whole, range(a, b)) for a, b in ((0, 2), (2, 3), (3, 40))]
+    same(concatenate(chunks), whole)
+
+
+def test_a_batch_does_not_change_a_cell() -> None:
+    states = np.random.default_rng(5).integers(0, 3, (150, 100)).astype(np.uint8)
+    history = History.from_states(states)
+    parts = [fit(history.cells(np.arange(a, b)), "fft", 4, BASE) for a, b in ((0, 1), (1, 70), (70, 150))]
+    same(concatenate(parts), fit(history, "fft", 4, BASE))
+
+
+def test_what_does_not_fit_together_is_refused() -> None:
+    one = spectrum()
+    with pytest.raises(ValueError, match="differ in link"):
+        concatenate([one, replace(one, origin_s=0.0)])
+    with pytest.raises(ValueError, match="nothing"):
+        concatenate([])
+    with pytest.raises(IndexError):
+        predict(one, 0.0, [40])
+    with pytest.raises(ValueError, match="negative"):
+        truncate(one, -1)
+
+
+def test_civil_time_is_what_the_clock_shows_across_both_changes() -> None:
+    zone = ZoneInfo("Europe/London")
+    for day in (datetime(2024, 3, 31, tzinfo=zone), datetime(2024, 10, 27, tzinfo=zone)):
+        times = day.timestamp() + np.arange(0, 86_400, 613.0)
+        shown = [datetime.fromtimestamp(time, zone) for time in times]
+        seconds = [s.weekday() * 86_400 + s.hour * 3600 + s.minute * 60 + s.second for s in shown]
+        np.testing.assert_array_equal(civil_seconds(times, "Europe/London") % 604_800, seconds)
+
+
+def test_state_verdict_and_entropy() -> None:
+    p = np.array([0.0, 0.5, 0.95, 0.96, np.nan], np.float32)
+    assert state(p, 0.5).tolist() == [0, 0, 1, 1, 0]
+    assert verdict(p, 0.955).tolist() == [0, 2, 2, 1, 2]
+    assert verdict(0.5, 0.5) == 2, "on the limit nothing is certain"
+    assert entropy(p)[:2].tolist() == [0, 1]
+    assert np.isnan(entropy(p)[4])
+
+
+def same(one: Spectrum, other: Spectrum) -> None:
+    """Bit for bit."""
+    assert (one.link, one.origin_s, one.time_zone, one.order) == (
+        other.link,
+        other.origin_s,
+        other.time_zone,
+        other.order,
+    )
+    for name in ("frequency_hz", "gate", "mean", "cell", "index", "coefficient"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name, strict=True)

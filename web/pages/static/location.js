@@ -1,0 +1,248 @@
+// One location's page: the chart, the rhythms, acknowledging anomalies.
+
+import { ask, post } from "./api.js";
+import { draw, legendHtml } from "./chart.js";
+import { clockText, dayText, durationText, timeText } from "./words.js";
+
+/* global htmx */
+const POINTS = 1500;
+const DAY = 86400;
+const section = document.getElementById("history");
+const facts = section.dataset;
+const place = {
+  name: facts.location,
+  zone: facts.zone,
+  kind: facts.kind,
+  interval: Number(facts.interval),
+  confidence: Number(facts.confidence),
+  revision: Number(facts.revision),
+  first: facts.first === "" ? null : Number(facts.first),
+  last: facts.last === "" ? null : Number(facts.last),
+};
+const base = `/locations/${encodeURIComponent(place.name)}`;
+const host = document.getElementById("chart");
+const reading = document.createElement("p");
+reading.className = "reading";
+const legend = document.createElement("div");
+legend.className = "legend";
+host.after(legend, reading);
+
+let range = "week";
+let zoom = null;
+let cell = place.kind === "state" ? 0 : null;
+let chart = null;
+let latest = 0;
+
+function say(text) {
+  chart?.destroy();
+  chart = null;
+  legend.replaceChildren();
+  const message = document.createElement("div");
+  message.className = "message";
+  message.textContent = text;
+  host.replaceChildren(message);
+}
+
+function bounds() {
+  if (zoom) return zoom;
+  const future = Math.max(DAY, 0.2 * (place.last - place.first));
+  if (range === "day") return [place.last - DAY, place.last + DAY];
+  if (range === "week") return [place.last - 7 * DAY, place.last + 2 * DAY];
+  return [place.first, place.last + future];
+}
+
+function stepFor(start, stop) {
+  const rough = (stop - start) / POINTS;
+  return Math.max(1, Math.ceil(rough / place.interval)) * place.interval;
+}
+
+async function load() {
+  const turn = ++latest;
+  if (place.last === null) return say("Nothing has been observed yet. Post observations, and they appear here.");
+  if (cell === null) return say("Choose a cell: enter its number, or click one in the 3D viewer.");
+  const [start, stop] = bounds();
+  const step = stepFor(start, stop);
+  const from = Math.floor(start / step) * step;
+  try {
+    const [series, events] = await Promise.all([
+      ask(`${base}/series?cell=${cell}&start=${from}&stop=${stop}&step=${step}`),
+      ask(`${base}/anomalies?start=${from}&stop=${stop}&limit=1000`),
+    ]);
+    if (turn !== latest) return;
+    show(series, events.items, step);
+  } catch (error) {
+    if (turn === latest) say(error.message);
+  }
+}
+
+function show(series, events, step) {
+  const mine = events.filter((event) => event.cells.includes(cell)).map((event) => ({
+    start: Date.parse(event.start) / 1000,
+    stop: Date.parse(event.stop) / 1000,
+  }));
+  chart?.destroy();
+  host.replaceChildren();
+  const state = { series, events: mine, last: place.last, confidence: place.confidence, step };
+  chart = draw(host, reading, state, place.zone, (low, high) => {
+    zoom = [low, high];
+    mark();
+    load();
+  });
+  legend.replaceChildren(...legendHtml());
+}
+
+function mark() {
+  for (const button of section.querySelectorAll("[data-range]")) {
+    button.setAttribute("aria-pressed", String(!zoom && button.dataset.range === range));
+  }
+}
+
+function peakText(part, model) {
+  if (part.period_s < 5400) return "";
+  const start = Date.parse(model.start) / 1000;
+  const end = Date.parse(model.stop) / 1000;
+  const first = start - (part.phase / (2 * Math.PI)) * part.period_s;
+  const peak = first + Math.ceil((end - first) / part.period_s) * part.period_s;
+  const near = (period) => Math.abs(part.period_s / period - 1) < 0.01;
+  if (near(DAY)) return `highest at ${clockText(peak, place.zone, false)}`;
+  if (near(7 * DAY)) return `highest on ${dayText(peak, place.zone).slice(0, 3)}, ${clockText(peak, place.zone, false)}`;
+  return "";
+}
+
+function row(part, largest, model) {
+  const line = document.createElement("tr");
+  const name = document.createElement("th");
+  name.scope = "row";
+  name.textContent = durationText(part.period_s);
+  const peak = document.createElement("small");
+  peak.textContent = [peakText(part, model), part.gate && part.gate !== "all" ? part.gate : ""].filter(Boolean).join(" · ");
+  if (peak.textContent) name.append(peak);
+  const bar = document.createElement("td");
+  const meter = document.createElement("span");
+  meter.className = "meter";
+  meter.style.width = `${(100 * part.amplitude) / largest}%`;
+  bar.append(meter);
+  const size = document.createElement("td");
+  size.className = "number";
+  size.textContent = part.amplitude.toFixed(3);
+  line.append(name, bar, size);
+  return line;
+}
+
+function heading(model) {
+  const line = document.createElement("p");
+  line.className = "note";
+  const mean = model.mean === null ? "–" : model.mean.toFixed(3);
+  const outliers = model.outliers.length;
+  line.textContent =
+    `Estimator ${model.estimator}, order ${model.order}, mean ${mean}${model.link === "logit" ? " (log-odds)" : ""}; ` +
+    `fitted on ${timeText(Date.parse(model.start) / 1000, place.zone)} to ${timeText(Date.parse(model.stop) / 1000, place.zone)}, ` +
+    `${model.samples.toLocaleString("en")} samples; ${outliers} ${outliers === 1 ? "interval" : "intervals"} differ from the prediction. ` +
+    (model.selection ? model.selection.reason : "");
+  return line;
+}
+
+function table(model) {
+  const made = document.createElement("table");
+  made.className = "list";
+  made.innerHTML = `<thead><tr><th scope="col">Period</th><th scope="col">Amplitude</th><th></th></tr></thead>`;
+  const body = made.createTBody();
+  const parts = [...model.components].sort((a, b) => b.amplitude - a.amplitude);
+  const largest = parts.length ? parts[0].amplitude || 1 : 1;
+  body.append(...parts.map((part) => row(part, largest, model)));
+  return made;
+}
+
+async function rhythms() {
+  const box = document.getElementById("spectrum");
+  const quiet = document.createElement("p");
+  quiet.className = "quiet";
+  box.replaceChildren(quiet);
+  if (cell === null) {
+    quiet.textContent = "Choose a cell above to see its rhythms.";
+    return;
+  }
+  try {
+    const model = await ask(`${base}/model?cell=${cell}`);
+    if (model.components.length) box.replaceChildren(table(model), heading(model));
+    else {
+      quiet.textContent = "No rhythm: the model is the mean alone.";
+      box.append(heading(model));
+    }
+  } catch (error) {
+    quiet.textContent = error.message;
+  }
+}
+
+function choose(number) {
+  cell = number;
+  const input = document.getElementById("cell");
+  if (input) input.value = String(number);
+  const query = new URLSearchParams(location.search);
+  query.set("cell", String(number));
+  history.replaceState(null, "", `?${query}`);
+  load();
+  rhythms();
+}
+
+async function acknowledge(button) {
+  button.disabled = true;
+  try {
+    await post(`/anomalies/${button.dataset.acknowledge}/acknowledge`, {});
+    htmx.trigger("#anomalies-table", "refresh");
+  } catch (error) {
+    button.disabled = false;
+    button.textContent = "Try again";
+    button.title = error.message;
+  }
+}
+
+section.addEventListener("click", (event) => {
+  const button = event.target.closest("[data-range]");
+  if (!button) return;
+  range = button.dataset.range;
+  zoom = null;
+  mark();
+  load();
+});
+host.addEventListener("dblclick", () => {
+  zoom = null;
+  mark();
+  load();
+});
+document.getElementById("cell-form")?.addEventListener("submit", (event) => {
+  event.preventDefault();
+  choose(Number(document.getElementById("cell").value));
+});
+document.addEventListener("click", (event) => {
+  const button = event.target.closest?.("[data-acknowledge]");
+  if (button) acknowledge(button);
+});
+window.addEventListener("message", (event) => {
+  if (event.origin === location.origin && event.data?.kind === "cell") choose(event.data.cell);
+});
+document.body.addEventListener("htmx:afterSwap", () => {
+  const fresh = document.getElementById("facts").dataset;
+  const last = fresh.last === "" ? null : Number(fresh.last);
+  if (last === place.last && Number(fresh.revision) === place.revision) return;
+  const refitted = Number(fresh.revision) !== place.revision;
+  place.first ??= last;
+  place.last = last;
+  place.revision = Number(fresh.revision);
+  if (!zoom) load();
+  if (refitted) rhythms();
+});
+let width = 0;
+new ResizeObserver(() => {
+  if (!chart || host.clientWidth === width) return;
+  width = host.clientWidth;
+  chart.setSize({ width, height: 300 });
+}).observe(host);
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", load);
+
+const asked = new URLSearchParams(location.search).get("cell");
+if (asked !== null && place.kind !== "state") choose(Number(asked));
+else {
+  load();
+  rhythms();
+}

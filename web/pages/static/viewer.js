@@ -1,0 +1,352 @@
+// The viewer's page: it owns the address, the time and the settings; the session on the server draws the scene.
+
+import { Timeline } from "./timeline.js";
+import { dateText, clockText, durationText, relativeText, timeText, zoneText } from "./words.js";
+
+const $ = (id) => document.getElementById(id);
+const { token, scene } = document.body.dataset;
+const embedded = document.body.classList.contains("embedded");
+const asked = new URLSearchParams(location.search);
+const HOUR = 3600;
+const DAY = 86400;
+
+const wish = { location: asked.get("location"), time: askedTime(), follow: false, confidence: null, order: null, floor: 0.1 };
+wish.follow = wish.time === null;
+let place = null;
+let frame = null;
+let playing = false;
+let socket = null;
+let tried = 0;
+
+const timeline = new Timeline($("marks"), $("time"), (time) => go(time));
+
+function askedTime() {
+  const text = asked.get("time");
+  if (text === null || text === "") return null;
+  const time = /^-?\d+(\.\d+)?$/.test(text) ? Number(text) : Date.parse(text) / 1000;
+  return Number.isFinite(time) ? time : null;
+}
+
+function send(message) {
+  if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
+}
+
+function want(changes) {
+  Object.assign(wish, changes);
+  send({ kind: "wish", ...wish });
+  showWish();
+}
+
+function go(time) {
+  if (!place?.span) return;
+  want({ time: timeline.clamp(time), follow: false });
+}
+
+// ---- the socket -------------------------------------------------------------------------------------------------
+
+function connect() {
+  const address = new URL(`/view/control/${token}`, location.href);
+  address.protocol = address.protocol.replace("http", "ws");
+  socket = new WebSocket(address);
+  socket.addEventListener("open", () => {
+    tried = 0;
+    send({ kind: "wish", ...wish });
+    loadScene();
+  });
+  socket.addEventListener("message", (event) => {
+    const message = JSON.parse(event.data);
+    handlers[message.kind]?.(message);
+  });
+  socket.addEventListener("close", lost);
+}
+
+async function lost() {
+  tried += 1;
+  const answer = await fetch("/view/sessions").catch(() => null);
+  if (answer?.status === 401 || answer?.status === 403) {
+    top.location.assign(`/login?next=${encodeURIComponent(top.location.pathname + top.location.search)}`);
+    return;
+  }
+  notice("No connection", "The server does not answer. Trying again …");
+  setTimeout(connect, Math.min(8000, 500 * 2 ** tried));
+}
+
+function loadScene() {
+  const query = asked.has("fixedDpr") ? `&fixedDpr=${encodeURIComponent(asked.get("fixedDpr"))}` : "";
+  const fresh = $("scene").cloneNode();
+  fresh.src = `${scene}${query}#${token}`;
+  fresh.addEventListener("load", () => fresh.contentWindow.addEventListener("keydown", keys));
+  $("scene").replaceWith(fresh);
+}
+
+const handlers = {
+  grids(message) {
+    const names = message.items.map((item) => item.name);
+    const select = $("location");
+    if ([...select.options].map((option) => option.value).join() !== names.join()) {
+      select.replaceChildren(...names.map((name) => new Option(name, name)));
+    }
+    select.disabled = names.length === 0;
+    select.value = place?.name ?? wish.location ?? names[0] ?? "";
+  },
+  place(message) {
+    const other = place?.name !== message.name;
+    place = message;
+    wish.location = message.name;
+    $("location").value = message.name;
+    if (other && wish.confidence === null) setConfidence(message.confidence);
+    document.title = `${message.name} · Tidemap`;
+    timeline.setPlace(place);
+    markReach();
+    showWish();
+  },
+  frame(message) {
+    frame = message;
+    $("notice").hidden = true;
+    if (message.follow && wish.follow) wish.time = message.time;
+    showFrame();
+    showWish();
+  },
+  notice(message) {
+    frame = null;
+    explain(message);
+  },
+};
+
+// ---- what is shown ------------------------------------------------------------------------------------------------
+
+function notice(title, text, code = "") {
+  $("notice-title").textContent = title;
+  $("notice-text").textContent = text;
+  $("notice-code").textContent = code;
+  $("notice-code").hidden = code === "";
+  $("notice").hidden = false;
+}
+
+function explain({ reason, detail }) {
+  const origin = location.origin;
+  const name = wish.location ?? "lab";
+  if (reason === "no-grids") {
+    const form = `{"name": "lab", "kind": "grid3d", "interval_s": 300, "time_zone": "Europe/London",\n  "grid": {"resolution_m": 0.2, "shape": [60, 40, 12]}}`;
+    notice("No grid yet", "The viewer shows locations of kind grid2d and grid3d. Make one, or run “tidemap demo”:",
+      `curl ${origin}/api/v1/locations --json '${form}'`);
+  } else if (reason === "no-observations") {
+    notice("Nothing observed yet", `Post what a robot saw in ${name}; cells are numbers or [i, j, k]:`,
+      `curl ${origin}/api/v1/locations/${name}/observations --json '{\n  "observations": [{"time": "…Z", "occupied": [[0, 0, 0]], "free": [[1, 0, 0]]}]}'`);
+  } else if (reason === "no-model") {
+    notice("No model yet", "The history is still short. The server makes a model by itself as it grows; to make one now:",
+      `curl -X POST ${origin}/api/v1/locations/${name}/update --json '{}'`);
+  } else if (reason === "not-found") {
+    notice("No such grid", `${detail} Choose another location.`);
+  } else notice("This did not work", detail);
+}
+
+function setConfidence(value) {
+  $("confidence").value = String(value);
+  $("confidence-value").textContent = Number(value).toFixed(2);
+}
+
+function pairs(list, items) {
+  list.replaceChildren(
+    ...items.flatMap(([term, text]) => {
+      const dt = document.createElement("dt");
+      const dd = document.createElement("dd");
+      dt.textContent = term;
+      dd.append(text);
+      return [dt, dd];
+    }),
+  );
+}
+
+const count = (number) => number.toLocaleString("en");
+
+function showFrame() {
+  $("unexpected").textContent = frame.unexpected ? count(frame.unexpected) : "";
+  $("missing").textContent = frame.missing ? count(frame.missing) : "";
+  $("stale").textContent = frame.stale ? count(frame.stale) : "";
+  $("fresh").textContent = durationText(frame.fresh_s);
+  pairs($("facts"), [
+    ["Revision", String(frame.revision)],
+    ["Estimator", `${frame.estimator}, order ${frame.order}`],
+    ["Predicted shown", `${count(frame.predicted)} cells`],
+    ["Observed shown", `${count(frame.observed)} cells`],
+    ["Ever observed", `${count(frame.cells)} cells`],
+    ["Grid", `${place.shape.join(" × ")}`],
+    ["Cell size", `${place.resolution_m} m`],
+    ["Frame", place.frame],
+  ]);
+  showSelected(frame.selected);
+}
+
+function showSelected(cell) {
+  $("selected-none").hidden = cell !== null;
+  if (cell === null) return $("selected-facts").replaceChildren();
+  const link = document.createElement("a");
+  link.href = `/locations/${encodeURIComponent(place.name)}?cell=${cell.cell}`;
+  link.textContent = "over time";
+  if (embedded) {
+    link.addEventListener("click", (event) => {
+      event.preventDefault();
+      parent.postMessage({ kind: "cell", cell: cell.cell }, location.origin);
+    });
+  }
+  const seen = cell.observed === null ? "never by then" : cell.observed ? "occupied" : "free";
+  const ago = cell.observed_time === null ? "–" : relativeText(cell.observed_time, frame.time);
+  pairs($("selected-facts"), [
+    ["Number", String(cell.cell)],
+    ["Index", `[${cell.index.join(", ")}]`],
+    ["Centre", `${cell.position_m.join(", ")} m`],
+    ["Probability", cell.probability.toFixed(3)],
+    ["Last seen", seen],
+    ["", ago],
+    ["Chart", link],
+  ]);
+}
+
+function showWish() {
+  $("floor-value").textContent = wish.floor.toFixed(2);
+  $("floor-note").textContent = wish.floor > 0 ? `hidden below ${wish.floor.toFixed(2)}` : "all cells shown";
+  $("ramp-floor").style.width = `${100 * wish.floor}%`;
+  $("live").setAttribute("aria-pressed", String(wish.follow));
+  if (!place?.span || wish.time === null) return;
+  const zone = place.time_zone;
+  $("date").textContent = dateText(wish.time, zone);
+  $("clock").textContent = clockText(wish.time, zone);
+  $("zone").textContent = zoneText(wish.time, zone);
+  const ahead = wish.time - place.span.last;
+  $("tense").textContent = ahead > 1 ? `forecast, +${durationText(ahead)}` : ahead < -1 ? `${durationText(-ahead)} before last` : "newest";
+  timeline.show(wish.time);
+  address();
+}
+
+let addressTimer = 0;
+function address() {
+  clearTimeout(addressTimer);
+  addressTimer = setTimeout(() => {
+    const query = new URLSearchParams(location.search);
+    query.set("location", place.name);
+    if (wish.follow) query.delete("time");
+    else query.set("time", String(Math.round(wish.time)));
+    history.replaceState(null, "", `?${query}`);
+  }, 300);
+}
+
+function markReach() {
+  for (const button of document.querySelectorAll("[data-reach]")) {
+    button.setAttribute("aria-pressed", String(button.dataset.reach === timeline.reach));
+  }
+}
+
+// ---- playing --------------------------------------------------------------------------------------------------
+
+let before = 0;
+function tick(now) {
+  if (!playing) return;
+  const elapsed = Math.min(0.5, (now - before) / 1000);
+  before = now;
+  const ready = frame === null || frame.time === wish.time || wish.follow;
+  if (ready && place?.span) {
+    const [low, high] = timeline.reach === "all" ? timeline.window() : [place.span.first, place.span.stop];
+    const next = wish.time + owed + elapsed * Number($("speed").value);
+    owed = 0;
+    want({ time: next > high ? low : next, follow: false });
+  } else owed += elapsed * Number($("speed").value);
+  requestAnimationFrame(tick);
+}
+let owed = 0;
+
+function play(on) {
+  if (on && !place?.span) return;
+  playing = on;
+  owed = 0;
+  $("play").setAttribute("aria-pressed", String(on));
+  $("play-sign").textContent = on ? "❚❚" : "▶";
+  before = performance.now();
+  if (on) requestAnimationFrame(tick);
+}
+
+function step(seconds) {
+  if (wish.time !== null) go(wish.time + seconds);
+}
+
+function anomaly(direction) {
+  if (!place?.span || wish.time === null) return;
+  const starts = place.events.map((event) => event.start).sort((a, b) => a - b);
+  const found = direction > 0 ? starts.find((s) => s > wish.time + 1) : starts.findLast((s) => s < wish.time - 1);
+  if (found !== undefined) go(found);
+}
+
+function live() {
+  play(false);
+  want({ follow: true });
+}
+
+// ---- hands ------------------------------------------------------------------------------------------------------
+
+$("location").addEventListener("change", () => {
+  play(false);
+  frame = null;
+  if (!embedded) want({ location: $("location").value, time: null, follow: true });
+  else want({ location: $("location").value });
+});
+$("confidence").addEventListener("input", () => {
+  setConfidence($("confidence").value);
+  want({ confidence: Number($("confidence").value) });
+});
+$("floor").addEventListener("input", () => want({ floor: Number($("floor").value) }));
+function setOrder() {
+  const auto = $("order-auto").checked;
+  $("order").disabled = auto;
+  $("order-value").textContent = auto ? "auto" : $("order").value;
+  want({ order: auto ? null : Number($("order").value) });
+}
+$("order").addEventListener("input", setOrder);
+$("order-auto").addEventListener("change", setOrder);
+$("play").addEventListener("click", () => play(!playing));
+$("live").addEventListener("click", live);
+$("previous").addEventListener("click", () => anomaly(-1));
+$("next").addEventListener("click", () => anomaly(1));
+$("time").addEventListener("pointerdown", () => play(false));
+for (const button of document.querySelectorAll("[data-step]")) {
+  button.addEventListener("click", () => step(Number(button.dataset.step)));
+}
+for (const button of document.querySelectorAll("[data-view]")) {
+  button.addEventListener("click", () => send({ kind: "aim", view: button.dataset.view }));
+}
+for (const button of document.querySelectorAll("[data-reach]")) {
+  button.addEventListener("click", () => {
+    timeline.setReach(button.dataset.reach);
+    markReach();
+  });
+}
+
+function keys(event) {
+  if (event.ctrlKey || event.metaKey || event.altKey) return;
+  const target = event.target;
+  const typing = target.matches?.("select, input:not(#time), summary, button, a");
+  const inScene = target.ownerDocument !== document;
+  const actions = {
+    " ": () => play(!playing),
+    ",": () => step(-place.interval_s),
+    ".": () => step(place.interval_s),
+    l: live,
+    p: () => anomaly(-1),
+    n: () => anomaly(1),
+    1: () => send({ kind: "aim", view: "slanted" }),
+    2: () => send({ kind: "aim", view: "above" }),
+  };
+  if (!inScene) {
+    actions.ArrowLeft = () => step(event.shiftKey ? -DAY : -HOUR);
+    actions.ArrowRight = () => step(event.shiftKey ? DAY : HOUR);
+  }
+  const action = actions[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+  if (!action || !place || (typing && (event.key === " " || event.key.startsWith("Arrow")))) return;
+  event.preventDefault();
+  action();
+}
+document.addEventListener("keydown", keys);
+
+for (const bar of document.querySelectorAll("[data-gradient]")) bar.style.background = bar.dataset.gradient;
+for (const swatch of document.querySelectorAll("[data-colour]")) swatch.style.background = swatch.dataset.colour;
+showWish();
+connect();

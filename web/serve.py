@@ -1,0 +1,110 @@
+"""Serving the site with uvicorn until SIGTERM or SIGINT, and the demo beside it where asked."""
+
+import asyncio
+import logging
+import socket
+from contextlib import ExitStack
+from dataclasses import dataclass
+from threading import Event, Thread
+from typing import Any
+
+import uvicorn
+
+from app.services.context import Context
+from app.services.keys import create_key, delete_key, is_open
+from app.spectral.warm import warm
+from web.site import open_site
+
+log = logging.getLogger(__name__)
+GRACE_S = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What runs beside the site."""
+
+    demo: bool = False
+
+
+class _Server(uvicorn.Server):
+    """Says where it listens once it does."""
+
+    def __init__(self, config: uvicorn.Config, ready: Any) -> None:
+        super().__init__(config)
+        self._ready = ready
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Listen, then say so."""
+        await super().startup(sockets)
+        if self.started:
+            await asyncio.to_thread(self._ready)
+
+
+def serve(ctx: Context, options: Options) -> int:
+    """Serve until told to stop; 0 when that went well."""
+    settings = ctx.settings
+    warm()
+    with ExitStack() as stack:
+        site = stack.enter_context(open_site(ctx))
+        config = uvicorn.Config(
+            site,
+            host=settings.host,
+            port=settings.port,
+            log_config=None,
+            access_log=False,
+            log_level=settings.log_level,
+            server_header=False,
+            timeout_graceful_shutdown=GRACE_S,
+            ws_max_size=64 * 2**20,
+        )
+        bound = config.bind_socket()
+        stack.callback(bound.close)
+        url = _url(bound)
+
+        def ready() -> None:
+            print(f"Tidemap is ready at {url}", flush=True)
+            if options.demo:
+                stack.enter_context(_Demo(ctx, url))
+
+        server = _Server(config, ready)
+        server.run([bound])
+        return 0 if server.started else 1
+
+
+def _url(bound: socket.socket) -> str:
+    host, port = bound.getsockname()[:2]
+    shown = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)  # noqa: S104
+    return f"http://[{shown}]:{port}" if ":" in shown else f"http://{shown}:{port}"
+
+
+class _Demo:
+    """The demo in a thread of its own, talking to the server as any robot does."""
+
+    def __init__(self, ctx: Context, url: str) -> None:
+        self._ctx, self._url = ctx, url
+        self._stop = Event()
+        self._key = None if is_open(ctx) else create_key(ctx, "demo", "admin")
+        self._thread = Thread(target=self._run, name="tidemap-demo", daemon=True)
+
+    def __enter__(self) -> "_Demo":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._stop.set()
+        if self._key is not None:
+            delete_key(self._ctx, self._key.id)
+
+    def _run(self) -> None:
+        from app.client import Client
+        from app.demo import live
+        from app.demo.seed import seed
+
+        try:
+            with Client(self._url, key=self._key.key if self._key else None) as client:
+                seed(client)
+                print(f"The demo building is ready: {self._url}", flush=True)
+                live.run(client, self._stop)
+        except Exception:
+            if not self._stop.is_set():
+                log.exception("the demo failed; the server goes on")

@@ -1,0 +1,89 @@
+"""Where things stand in the scene: metres of the grid's frame, the observed grid moved aside along x."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layout:
+    """One grid drawn twice.
+
+    `origin` (3,) is the corner of cell [0,0,0] in metres, `low` and `high` (3,) bound the observed cells in metres,
+    `shift` (3,) is added to draw the observed grid, `flat` tells a floor plan from a volume.
+    """
+
+    origin: Vector
+    resolution_m: float
+    low: Vector
+    high: Vector
+    shift: Vector
+    flat: bool
+
+    @property
+    def size(self) -> Vector:
+        """Extent (3,) of one grid in metres."""
+        return self.high - self.low
+
+    def centre(self, index: NDArray[np.int32]) -> Vector:
+        """Centres (n, 3) of cells in metres."""
+        return self.origin + (index + 0.5) * self.resolution_m
+
+
+def arrange(origin: Sequence[float], resolution_m: float, index: NDArray[np.int32], flat: bool) -> Layout:
+    """Place both grids around the cells `index` (n, 3) that have been observed, a tenth (two cells) apart."""
+    corner = np.asarray(origin, dtype=np.float64)
+    low = corner + index.min(axis=0) * resolution_m
+    high = corner + (index.max(axis=0) + 1) * resolution_m
+    gap = max(2.0 * resolution_m, 0.12 * float(max(high[:2] - low[:2])))
+    shift = np.array([float(high[0] - low[0]) + gap, 0.0, 0.0])
+    return Layout(corner, resolution_m, low, high, shift, flat)
+
+
+def floor_step(extent_m: float) -> float:
+    """A round distance for the lines on the floor: 1, 2 or 5 times a power of ten, at most some 12 lines.
+
+    >>> floor_step(9.0), floor_step(14.0), floor_step(60.0)
+    (1.0, 2.0, 5.0)
+    """
+    rough = max(extent_m, 1e-6) / 12.0
+    power = 10.0 ** math.floor(math.log10(rough))
+    return next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= rough)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Camera:
+    """A pose in metres: where the camera is and what it looks at."""
+
+    position: Vector
+    look_at: Vector
+
+
+def look(layout: Layout, aspect: float, fov: float, from_above: bool) -> Camera:
+    """The nearest camera that sees both grids; `fov` is vertical, in radians.
+
+    The camera stands south of the grids and above, so x points right and the predicted grid is on the left.
+    """
+    corners = _corners(layout)
+    target = (corners.min(axis=0) + corners.max(axis=0)) / 2.0
+    away = np.array([0.0, -1e-3, 1.0]) if from_above else np.array([0.0, -0.72, 0.82])
+    away /= np.linalg.norm(away)
+    right = np.array([1.0, 0.0, 0.0])
+    up = np.cross(away, right)
+    half_height = math.tan(fov / 2.0) * 0.9
+    half_width = half_height * max(aspect, 0.1)
+    offset = corners - target
+    needed = np.maximum(np.abs(offset @ right) / half_width, np.abs(offset @ up) / half_height)
+    distance = float(np.max(needed + offset @ away))
+    return Camera(target + away * distance, target)
+
+
+def _corners(layout: Layout) -> Vector:
+    low, high = layout.low, layout.high + layout.shift
+    grid = np.meshgrid(*([low[i], high[i]] for i in range(3)), indexing="ij")
+    return np.stack([axis.ravel() for axis in grid], axis=1)

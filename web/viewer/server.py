@@ -1,0 +1,169 @@
+"""The viewer's server: viser on a loopback port of its own, and one session for every open tab."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from urllib.parse import parse_qs, urlsplit
+
+import rich
+import viser
+
+from app.events.bus import Bus
+from app.events.messages import Message as BusMessage
+from app.services.context import Context
+from web.viewer.messages import Message
+from web.viewer.scene import Scene
+from web.viewer.session import Session
+from web.viewer.source import Services, Source
+
+_log = logging.getLogger(__name__)
+_QUIET_S = 0.3
+
+
+class _Viser(viser.ViserServer):
+    """Viser without its tunnel to a public server."""
+
+    def request_share_url(self, verbose: bool = True) -> str | None:
+        """Share nothing, whoever asks."""
+        return None
+
+
+class ViewerServer:
+    """Runs viser and the sessions. Viser itself asks nobody for a key: reach it through `web.viewer.proxy` only."""
+
+    def __init__(self, ctx: Context, source: Source | None = None) -> None:
+        self._ctx = ctx
+        self._source = source or Services(ctx)
+        self._sessions: dict[str, Session] = {}
+        self._lock = threading.Lock()
+        self._viser: _Viser | None = None
+        self._news = News(self._tell)
+
+    @property
+    def port(self) -> int:
+        """Viser's port on 127.0.0.1. Raises RuntimeError before start."""
+        if self._viser is None:
+            raise RuntimeError("the viewer is not running")
+        return self._viser.get_port()
+
+    def start(self) -> None:
+        """Open viser's port and listen to the event bus."""
+        rich.get_console().quiet = True  # viser greets on standard output, which is ours
+        self._viser = _Viser(host="127.0.0.1", port=0, verbose=False)
+        self._viser.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
+        self._viser.on_client_connect(self._welcome)
+        self._news.start(self._ctx.bus)
+
+    def stop(self) -> None:
+        """Close all sessions and the port."""
+        self._news.stop()
+        with self._lock:
+            sessions, self._sessions = list(self._sessions.values()), {}
+        for session in sessions:
+            session.close()
+        if self._viser is not None:
+            self._viser.stop()
+            self._viser = None
+
+    def open(self, token: str, publish: Callable[[Message], None]) -> Session:
+        """A session for a tab; one with the same token before it is closed."""
+        session = Session(token, self._source, publish)
+        with self._lock:
+            before, self._sessions[token] = self._sessions.get(token), session
+        if before is not None:
+            before.close()
+        session.start()
+        self._rejoin(session)
+        return session
+
+    def close(self, session: Session) -> None:
+        """The tab has gone."""
+        session.close()
+        with self._lock:
+            if self._sessions.get(session.token) is session:
+                del self._sessions[session.token]
+
+    def knows(self, token: str) -> bool:
+        """Whether a tab with this token is open."""
+        with self._lock:
+            return token in self._sessions
+
+    def stats(self) -> list[Message]:
+        """All sessions in short."""
+        with self._lock:
+            sessions = list(self._sessions.values())
+        return [session.stats() for session in sessions]
+
+    def _welcome(self, client: viser.ClientHandle) -> None:
+        token = self._token(client)
+        with self._lock:
+            session = self._sessions.get(token)
+        if session is not None:
+            self._attach(session, client)
+
+    def _rejoin(self, session: Session) -> None:
+        """Give a reopened session the scene that its tab has kept open."""
+        clients = self._viser.get_clients().values() if self._viser else ()
+        for client in clients:
+            if self._token(client) == session.token:
+                self._attach(session, client)
+
+    def _attach(self, session: Session, client: viser.ClientHandle) -> None:
+        @client.scene.on_click()
+        def _(event: viser.SceneClickEvent) -> None:
+            session.pick(event.ray_origin, event.ray_direction)
+
+        session.attach(Scene(client))
+
+    def _token(self, client: viser.ClientHandle) -> str:
+        """The tab's token, which the proxy put into the address it connected to."""
+        if self._viser is None:
+            return ""
+        connection = self._viser._websock_server._live_connections.get(client.client_id)
+        if connection is None or connection.request is None:
+            return ""
+        return parse_qs(urlsplit(connection.request.path).query).get("token", [""])[0]
+
+    def _tell(self, names: set[str]) -> None:
+        with self._lock:
+            sessions = list(self._sessions.values())
+        for session in sessions:
+            session.notify(names)
+
+
+class News:
+    """Listens to the bus and tells which locations have something new, at most a few times a second."""
+
+    def __init__(self, tell: Callable[[set[str]], None]) -> None:
+        self._tell = tell
+        self._heard = threading.Condition()
+        self._names: set[str] = set()
+        self._stopped = False
+
+    def start(self, bus: Bus) -> None:
+        """Listen from now on."""
+        unsubscribe = bus.subscribe(self._note)
+        threading.Thread(target=self._work, args=(unsubscribe,), name="viewer-news", daemon=True).start()
+
+    def stop(self) -> None:
+        """Listen no more."""
+        with self._heard:
+            self._stopped = True
+            self._heard.notify_all()
+
+    def _note(self, message: BusMessage) -> None:
+        with self._heard:
+            self._names.add(message.location)
+            self._heard.notify_all()
+
+    def _work(self, unsubscribe: Callable[[], None]) -> None:
+        while True:
+            with self._heard:
+                self._heard.wait_for(lambda: self._names or self._stopped)
+                if self._stopped:
+                    break
+                names, self._names = self._names, set()
+            self._tell(names)
+            time.sleep(_QUIET_S)
+        unsubscribe()
