@@ -10,6 +10,9 @@ from typing import Any
 
 import uvicorn
 
+from app.client import Client
+from app.demo import live
+from app.demo.seed import seed
 from app.services.context import Context
 from app.services.keys import create_key, delete_key, is_open
 from app.spectral.warm import warm
@@ -52,7 +55,6 @@ def serve(ctx: Context, options: Options) -> int:
             port=settings.port,
             log_config=None,
             access_log=False,
-            log_level=settings.log_level,
             server_header=False,
             timeout_graceful_shutdown=GRACE_S,
             ws_max_size=64 * 2**20,
@@ -96,10 +98,6 @@ class _Demo:
             delete_key(self._ctx, self._key.id)
 
     def _run(self) -> None:
-        from app.client import Client
-        from app.demo import live
-        from app.demo.seed import seed
-
         try:
             with Client(self._url, key=self._key.key if self._key else None) as client:
                 seed(client)

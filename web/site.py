@@ -5,9 +5,11 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from fastapi import FastAPI
+from fastapi.openapi.docs import get_swagger_ui_html
+from starlette.responses import HTMLResponse
 from starlette.staticfiles import StaticFiles
 
-from app.api.main import create_app
+from app.api.main import BASE, create_app
 from app.services.context import Context
 from app.workers.updater import Updater
 from web.pages import routes
@@ -32,4 +34,17 @@ def open_site(ctx: Context) -> Iterator[FastAPI]:
             stack.callback(viewer.stop)
             site.include_router(proxy.router(ctx, viewer))
         site.include_router(routes.router(ctx))
+        site.add_api_route("/api/docs", _documentation, include_in_schema=False)
         yield site
+
+
+def _documentation() -> HTMLResponse:
+    """The interactive documentation, with nothing from any other host."""
+    swagger = "/static/vendor/swagger-ui"
+    return get_swagger_ui_html(
+        openapi_url=f"{BASE}/openapi.json",
+        title="Tidemap: the API",
+        swagger_js_url=f"{swagger}/swagger-ui-bundle.js",
+        swagger_css_url=f"{swagger}/swagger-ui.css",
+        swagger_favicon_url=f"{swagger}/favicon-32x32.png",
+    )

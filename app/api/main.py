@@ -42,7 +42,7 @@ def create_app(ctx: Context, alive: Mapping[str, Callable[[], bool]] | None = No
         description=_DESCRIPTION,
         version=__version__,
         openapi_url=f"{BASE}/openapi.json",
-        docs_url="/api/docs",
+        docs_url=None,
         redoc_url=None,
         license_info={"name": "BSD-3-Clause", "identifier": "BSD-3-Clause"},
     )

@@ -60,7 +60,7 @@ class Feed:
         data = json.loads(text)
         self._connected()
         if data["kind"] == "anomaly":
-            self._query["after"] = data["id"]
+            self._query["after"] = max(int(self._query.get("after", 0)), data["id"])
         return Message(data["kind"], data["location"], data.get("id"), parse_time(data["time"]), data)
 
     def pause(self, error: Exception | None) -> float:

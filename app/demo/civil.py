@@ -1,7 +1,7 @@
 """Local civil time, by which people live."""
 
 from dataclasses import dataclass
-from datetime import UTC, date, datetime, timedelta
+from datetime import date, datetime, timedelta
 from datetime import time as clock
 from zoneinfo import ZoneInfo
 
@@ -36,7 +36,7 @@ def moment(time: float) -> Moment:
 def unix(day: int, hour: float) -> float:
     """Unix seconds of a local hour of a day.
 
-    >>> datetime.fromtimestamp(unix(date(2026, 7, 1).toordinal(), 9.5), UTC).isoformat()
+    >>> datetime.fromtimestamp(unix(date(2026, 7, 1).toordinal(), 9.5), ZoneInfo("UTC")).isoformat()
     '2026-07-01T08:30:00+00:00'
     """
     midnight = datetime.combine(date.fromordinal(day), clock())

@@ -25,13 +25,15 @@ FORMS: dict[str, dict[str, Any]] = {
 _FIXED = ("kind", "interval_s", "epoch", "grid")
 
 
-class NotTheDemoError(Exception):
+class NotTheDemoError(TidemapError):
     """A location of the demo's name is somebody else's: other cells or another time base."""
 
     def __init__(self, name: str) -> None:
         super().__init__(
+            CONFLICT,
+            "Name taken",
             f"There is a location {name!r} already, and it is not the demo's: rename or delete it, "
-            "or run the demo on a server of its own (--data DIR)."
+            "or run the demo on a server of its own (--data DIR).",
         )
 
 

@@ -1,74 +1,87 @@
 """How far long work is: a bar on a terminal, plain lines elsewhere."""
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from typing import Protocol, TextIO
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from typing import Protocol, TextIO, TypeAlias
 
 from tqdm import tqdm
 
 LINE_EVERY_S = 5.0
 
-Step = Callable[[int], None]
+Step: TypeAlias = Callable[[int], object]
 
 
 class Progress(Protocol):
     """Shows how far work is."""
 
-    def task(self, what: str, total: int) -> "contextmanager[Step]":
-        """For the duration of a task of `total` steps: call what it gives with the steps done since last time."""
+    def task(self, what: str, total: int) -> AbstractContextManager[Step]:
+        """While a task of `total` steps lasts: call what it gives with the steps done since the last call."""
 
 
 class Silent:
     """Shows nothing."""
 
-    @contextmanager
-    def task(self, what: str, total: int) -> Iterator[Step]:
+    def task(self, what: str, total: int) -> AbstractContextManager[Step]:
         """A task nobody looks at."""
-        yield lambda _: None
+        return nullcontext(lambda _: None)
 
 
-class Bars:
-    """A bar for each task, for people."""
+class Shown:
+    """Bars if `stream` is a terminal, lines such as `Posting: 40 % of 5000` if not."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
 
-    @contextmanager
-    def task(self, what: str, total: int) -> Iterator[Step]:
-        """A bar."""
-        with tqdm(total=total, desc=what, file=self._stream, unit_scale=True) as bar:
-            yield bar.update
+    def task(self, what: str, total: int) -> AbstractContextManager[Step]:
+        """A bar, or lines at the beginning, at the end and every few seconds between."""
+        if self._stream.isatty():
+            return Bar(what, total, self._stream)
+        return Lines(what, total, self._stream)
+
+
+class Bar:
+    """A bar for people."""
+
+    def __init__(self, what: str, total: int, stream: TextIO) -> None:
+        self._bar = tqdm(total=total, desc=what, file=stream)
+
+    def __enter__(self) -> Step:
+        return self.step
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.close()
+
+    def step(self, n: int) -> None:
+        """So many more steps are done."""
+        self._bar.update(n)
 
 
 class Lines:
-    """A line when a task begins and ends, and every few seconds between, for logs."""
+    """Lines for logs."""
 
-    def __init__(self, stream: TextIO, every_s: float = LINE_EVERY_S) -> None:
+    def __init__(self, what: str, total: int, stream: TextIO, every_s: float = LINE_EVERY_S) -> None:
+        self._what = what
+        self._total = total
         self._stream = stream
         self._every_s = every_s
+        self._done = 0
+        self._began = self._said = time.monotonic()
 
-    @contextmanager
-    def task(self, what: str, total: int) -> Iterator[Step]:
-        """Lines such as `Posting: 40 % of 5000`."""
-        done, started = 0, time.monotonic()
-        said = started
+    def __enter__(self) -> Step:
+        self._say("...")
+        return self.step
 
-        def step(n: int) -> None:
-            nonlocal done, said
-            done += n
-            if time.monotonic() - said >= self._every_s:
-                said = time.monotonic()
-                self._say(f"{what}: {100 * done // max(total, 1)} % of {total}")
+    def __exit__(self, kind: object, *_: object) -> None:
+        after = f"after {time.monotonic() - self._began:.1f} s"
+        self._say(f"done {after}" if kind is None else f"broken off {after}")
 
-        self._say(f"{what} ...")
-        yield step
-        self._say(f"{what}: done in {time.monotonic() - started:.1f} s")
+    def step(self, n: int) -> None:
+        """So many more steps are done."""
+        self._done += n
+        if time.monotonic() - self._said >= self._every_s:
+            self._say(f"{100 * self._done // max(self._total, 1)} % of {self._total}")
 
     def _say(self, text: str) -> None:
-        print(text, file=self._stream, flush=True)
-
-
-def on(stream: TextIO) -> Bars | Lines:
-    """Bars if `stream` is a terminal, lines if not."""
-    return Bars(stream) if stream.isatty() else Lines(stream)
+        self._said = time.monotonic()
+        print(f"{self._what}: {text}", file=self._stream, flush=True)

@@ -77,9 +77,7 @@ class Robot:
 
     def _flickering(self, moving: Cells) -> NDArray[np.uint64]:
         """The few cells beside what moves on which the sensor errs, no two of them neighbours."""
-        beside = np.flatnonzero(_near(moving) & ~moving & ~self.world.standing & _checkered()).astype(
-            np.uint64
-        )
+        beside = np.flatnonzero(_near(moving) & ~moving & ~self.world.standing & _checkered()).astype(np.uint64)
         return beside[draws(beside, self.world.seed, _FLICKERS) < FLICKERING_CELLS]
 
     def _errors(self, visit: int) -> NDArray[np.uint64]:

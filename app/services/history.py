@@ -92,6 +92,18 @@ def compact(ctx: Context, name: str) -> None:
         pass
 
 
+def forget(ctx: Context, name: str) -> None:
+    """Drop compacted history that is older than the location's `retention`."""
+    with ctx.store.read() as work:
+        place = work.locations.get(name)
+    if place.retention_s is None or place.last_time is None:
+        return
+    before = int(place.base.sample(place.last_time - place.retention_s))
+    if before > span(place)[0]:
+        ctx.store.write(lambda work: work.observations.forget(place, before))
+        ctx.histories.drop(lambda key: isinstance(key, tuple) and key[0] == place.id)
+
+
 def _compact_some(ctx: Context, name: str, target: int) -> bool:
     """One round; whether there is more to do."""
     with ctx.store.read() as work:

@@ -77,7 +77,7 @@ def _compression(history: History, spectrum: Spectrum, outliers: Outliers) -> Co
     waves = (spectrum.coefficient, spectrum.index, spectrum.frequency_hz)
     spectrum_bytes = spectrum.mean.nbytes + sum(array.nbytes for array in waves)
     history_bytes = run_length_bytes(history.intervals())
-    outlier_bytes = varint_bytes(_steps(outliers))
+    outlier_bytes = varint_bytes(_steps(outliers, history.start))
     return Compression(
         samples=history.n_samples,
         raw_bytes=raw,
@@ -95,10 +95,10 @@ def run_length_bytes(intervals: Intervals) -> int:
     return varint_bytes((intervals.stop - intervals.start) * 4)
 
 
-def _steps(outliers: Outliers) -> NDArray[np.int64]:
+def _steps(outliers: Outliers, start: int) -> NDArray[np.int64]:
     """The limits t0, t1, t2 … of the outlier set as differences."""
     limits = np.stack([outliers.start, outliers.stop], axis=1).ravel()
-    return np.diff(limits - limits[:1].sum(), prepend=0)
+    return np.asarray(np.diff(limits, prepend=start), np.int64)
 
 
 def varint_bytes(values: Iterable[int] | NDArray[np.int64]) -> int:

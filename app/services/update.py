@@ -8,7 +8,7 @@ import numpy as np
 
 from app.errors import InvalidInputError
 from app.services.context import Context
-from app.services.history import compact, read_history, window
+from app.services.history import compact, forget, read_history, window
 from app.spectral.history import History
 from app.spectral.model import update as update_model
 from app.spectral.outliers import count
@@ -62,6 +62,7 @@ def run_update(
     Raises LocationNotFoundError, InvalidInputError when there is nothing to fit.
     """
     compact(ctx, name)
+    forget(ctx, name)
     progress(0.1)
     plan = _plan(ctx, name, request)
     wrong = observed = 0

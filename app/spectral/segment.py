@@ -64,6 +64,13 @@ def merge(segment: Segment, measurements: Measurements, base: TimeBase) -> Segme
     return _prune(merged, first) if replaced and rank is not None else merged
 
 
+def forget(segment: Segment, before: int, base: TimeBase) -> Segment:
+    """The segment without what was measured before sample `before`."""
+    history = segment.history
+    kept = history.window(max(before, history.start), history.stop).window(history.start, history.stop)
+    return Segment(kept, segment.time[base.sample(segment.time) >= before], segment.rank)
+
+
 def _ranks(
     segment: Segment, table: NDArray[np.float64], first: NDArray[np.int64], base: TimeBase
 ) -> NDArray[np.uint16] | None:
@@ -106,7 +113,16 @@ def _prune(segment: Segment, first: NDArray[np.int64]) -> Segment:
 
 
 @kernel
-def _put(observed, occupied, rank, ranked, cell, sample, entry, state):  # type: ignore[no-untyped-def]
+def _put(
+    observed: NDArray[np.uint8],
+    occupied: NDArray[np.uint8],
+    rank: NDArray[np.uint16],
+    ranked: bool,
+    cell: NDArray[np.int64],
+    sample: NDArray[np.int64],
+    entry: NDArray[np.uint16],
+    state: NDArray[np.uint8],
+) -> int:
     """Write the measurements that stand; returns how many earlier ones they replaced."""
     replaced = 0
     for i in range(cell.size):

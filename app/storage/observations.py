@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping
 
-from sqlalchemy import Case, Column, ColumnElement, Connection, case, insert, or_, select, update
+from sqlalchemy import Case, Column, ColumnElement, Connection, case, delete, insert, or_, select, update
 
 from app.errors import IdempotencyConflictError, LocationNotFoundError
 from app.spectral.measurements import Measurements
-from app.spectral.segment import Segment
+from app.spectral.segment import SEGMENT_SAMPLES, Segment, forget
 from app.storage.blobs import pack_segment, unpack_measurements, unpack_segment
 from app.storage.records import LocationRecord, ObservationRecord
 from app.storage.tables import history, location, observation
@@ -107,6 +107,20 @@ class Observations:
             .values(payload=None)
         )
         return True
+
+    def forget(self, place: LocationRecord, before: int) -> None:
+        """Drop the compacted history before a sample, all of it and nothing else."""
+        border = before // SEGMENT_SAMPLES
+        mine = history.c.location_id == place.id
+        self._connection.execute(delete(history).where(mine, history.c.segment < border))
+        chunks = select(history.c.chunk).where(mine, history.c.segment == border)
+        for chunk in self._connection.execute(chunks).scalars().all():
+            segment = self.segments(place, chunk, border, border)[border]
+            self._put(place.id, chunk, border, pack_segment(forget(segment, before, place.base)))
+        first = float(place.base.time(before))
+        self._connection.execute(
+            update(location).where(location.c.id == place.id, location.c.first_time < first).values(first_time=first)
+        )
 
     def _put(self, location_id: int, chunk: int, number: int, payload: bytes) -> None:
         key = {"location_id": location_id, "chunk": chunk, "segment": number}

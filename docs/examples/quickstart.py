@@ -7,7 +7,7 @@ from zoneinfo import ZoneInfo
 from app.client import Client
 
 london = ZoneInfo("Europe/London")
-start = datetime(2026, 3, 2, tzinfo=london)
+start = datetime(2026, 1, 5, tzinfo=london)
 
 
 def is_open(time: datetime) -> bool:
@@ -15,7 +15,7 @@ def is_open(time: datetime) -> bool:
     return local.weekday() < 5 and 8 <= local.hour < 18
 
 
-# What a robot saw every ten minutes for four weeks, in the last of which the clocks change.
+# What a robot saw every ten minutes for four weeks.
 times = [start.astimezone(UTC) + n * timedelta(minutes=10) for n in range(4 * 7 * 144)]
 
 with Client("http://127.0.0.1:8000") as tidemap:
@@ -23,8 +23,8 @@ with Client("http://127.0.0.1:8000") as tidemap:
     door.observe(time=times, state=[is_open(time) for time in times])
     door.update(wait=True)
 
-    # The Wednesday after, at half past eight, at three in the night: will it be open?
-    asked = ["2026-04-01T08:30:00+01:00", "2026-04-01T03:00:00+01:00"]
+    # The Wednesday after, at noon and at three in the night: will it be open?
+    asked = ["2026-02-04T12:00:00Z", "2026-02-04T03:00:00Z"]
     print(door.predict(time=asked).probability.round(2))
 
     # It is open at three in the night, and Tidemap says that this is not normal.

@@ -46,7 +46,7 @@ def duration(seconds: float) -> str:
     """
     if seconds < 100:
         return f"{seconds:.3g} s"
-    if seconds < 100 * MINUTE_S:
+    if seconds < HOUR_S:
         return f"{seconds / MINUTE_S:.3g} min"
     if seconds < 47 * HOUR_S:
         return f"{seconds / HOUR_S:.3g} h"

@@ -22,7 +22,7 @@ _CIVIDIS = (
     "fee838",
 )
 
-BACKGROUND: Rgb = (20, 22, 26)
+BACKGROUND: Rgb = (20, 20, 20)
 FLOOR: Rgb = (52, 57, 66)
 UNEXPECTED: Rgb = (255, 94, 20)  # observed occupied where the prediction says free
 MISSING: Rgb = (86, 180, 233)  # observed free where the prediction says occupied

@@ -30,6 +30,11 @@ class Layout:
         """Extent (3,) of one grid in metres."""
         return self.high - self.low
 
+    @property
+    def lines_m(self) -> float:
+        """Distance between the lines on the floor."""
+        return floor_step(float(max(self.size[:2])))
+
     def centre(self, index: NDArray[np.int32]) -> Vector:
         """Centres (n, 3) of cells in metres."""
         return self.origin + (index + 0.5) * self.resolution_m
@@ -71,7 +76,7 @@ def look(layout: Layout, aspect: float, fov: float, from_above: bool) -> Camera:
     """
     corners = _corners(layout)
     target = (corners.min(axis=0) + corners.max(axis=0)) / 2.0
-    away = np.array([0.0, -1e-3, 1.0]) if from_above else np.array([0.0, -0.72, 0.82])
+    away = np.array([0.0, -1e-3, 1.0]) if from_above else np.array([0.0, -0.62, 0.85])
     away /= np.linalg.norm(away)
     right = np.array([1.0, 0.0, 0.0])
     up = np.cross(away, right)

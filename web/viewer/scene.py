@@ -6,10 +6,11 @@ from numpy.typing import NDArray
 
 from web.viewer import colors
 from web.viewer.cells import Cloud, Picture
-from web.viewer.layout import Layout, floor_step, look
+from web.viewer.layout import Layout, look
 
-_CELL = 0.47  # half a cell is a full one in viser's point size; a little less shows the cells apart
+_CELL = 0.42  # half a cell is a full one in viser's point size; a little less shows the cells apart
 _EXACT_FLOAT16 = 2048
+_FOV = 0.7
 _GRIDS = ("predicted", "observed")
 _EDGES = np.array(
     [[0, 1], [0, 2], [1, 3], [2, 3], [4, 5], [4, 6], [5, 7], [6, 7], [0, 4], [1, 5], [2, 6], [3, 7]], dtype=np.intp
@@ -50,7 +51,8 @@ class Scene:
             return
         camera = self.client.camera
         aspect = camera.image_width / max(camera.image_height, 1)
-        pose = look(self.layout, aspect, camera.fov, from_above)
+        pose = look(self.layout, aspect, _FOV, from_above)
+        camera.fov = _FOV
         camera.up_direction = np.array([0.0, 0.0, 1.0])
         camera.position = pose.position
         camera.look_at = pose.look_at
@@ -103,7 +105,7 @@ class Scene:
 
     def _lay_floor(self, name: str, layout: Layout, shift: NDArray[np.float64]) -> None:
         size = layout.size
-        step = floor_step(float(max(size[:2])))
+        step = layout.lines_m
         centre = (layout.low + layout.high) / 2 + shift
         bottom = layout.low[2] - (0.02 + 0.5 * layout.flat) * layout.resolution_m
         self.client.scene.add_grid(

@@ -8,6 +8,7 @@ from starlette.concurrency import run_in_threadpool
 from app.api.dependencies import BodyIn, Ctx, Robot
 from app.ingest.observation import ARROW
 from app.schemas.observations import Accepted, GridObservations, StateObservations
+from app.services.keys import Principal
 from app.services.observe import Post, observe
 
 router = APIRouter(prefix="/locations/{name}/observations", tags=["observations"])
@@ -55,7 +56,7 @@ async def post(
     name: str,
     body: BodyIn,
     ctx: Ctx,
-    _: Robot,
+    robot: Robot,
     response: Response,
     source: Annotated[str | None, Query(max_length=128, description="The robot's name.")] = None,
     idempotency_key: Annotated[str | None, Header(min_length=1, max_length=255)] = None,
@@ -64,7 +65,12 @@ async def post(
 
     The same Idempotency-Key with the same body again is answered 200 with `duplicate` true; nothing is stored twice.
     """
-    result = await run_in_threadpool(observe, ctx, name, Post(body, source, idempotency_key))
+    result = await run_in_threadpool(observe, ctx, name, Post(body, source or _name(robot), idempotency_key))
     if result.duplicate:
         response.status_code = 200
     return Accepted.model_validate(result, from_attributes=True)
+
+
+def _name(robot: Principal) -> str | None:
+    """A robot that does not say its name goes by its key's."""
+    return None if robot.key_id is None else robot.name

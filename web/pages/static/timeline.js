@@ -3,7 +3,7 @@
 import { clockText, dayText, offsetOf } from "./words.js";
 
 const DAY = 86400;
-const THUMB = 14;
+const THUMB = 12;
 const STEPS = [900, 3600, 7200, 10800, 21600, 43200, DAY, 2 * DAY, 7 * DAY, 14 * DAY, 28 * DAY, 84 * DAY];
 const MONDAY = 4 * DAY;
 
@@ -78,7 +78,7 @@ export class Timeline {
     const [low, high] = this.window();
     const x = (time) => THUMB / 2 + ((time - low) / (high - low)) * (width - THUMB);
     const clip = (value) => Math.min(width - THUMB / 2, Math.max(THUMB / 2, value));
-    const band = (from, to, fill, top = 9, size = 12) => {
+    const band = (from, to, fill, top = 14, size = 12) => {
       const left = clip(x(from));
       const right = clip(x(to));
       if (right <= left) return;
@@ -94,10 +94,17 @@ export class Timeline {
       ctx.fillStyle = event.acknowledged ? colour("quiet") : colour("anomaly");
       const left = x(event.start);
       const size = Math.max(2, x(event.stop) - left);
-      if (left + size >= THUMB / 2 && left <= width - THUMB / 2) ctx.fillRect(left, 9, size, 12);
+      if (left + size < THUMB / 2 || left > width - THUMB / 2) continue;
+      ctx.fillRect(left, 14, size, 12);
+      const middle = left + size / 2;
+      ctx.beginPath();
+      ctx.moveTo(middle - 4, 0);
+      ctx.lineTo(middle + 4, 0);
+      ctx.lineTo(middle, 7);
+      ctx.fill();
     }
     ctx.fillStyle = colour("ink");
-    if (last >= low && last <= high) ctx.fillRect(x(last) - 0.75, 3, 1.5, 24);
+    if (last >= low && last <= high) ctx.fillRect(x(last) - 0.75, 10, 1.5, 20);
   }
 
   drawTicks(ctx, low, high, x, colour, width) {
@@ -113,13 +120,13 @@ export class Timeline {
       if (time > high) return;
       const at = x(time);
       ctx.fillStyle = colour("line");
-      ctx.fillRect(at, 21, 1, 8);
+      ctx.fillRect(at, 26, 1, 6);
       const clock = clockText(time, zone, false);
       const day = clock === "00:00";
       ctx.fillStyle = colour(day || step >= DAY ? "ink" : "quiet");
       const label = day || step >= DAY ? dayText(time, zone) : clock;
       const half = ctx.measureText(label).width / 2;
-      if (at - half >= 0 && at + half <= width) ctx.fillText(label, at, 32);
+      if (at - half >= 0 && at + half <= width) ctx.fillText(label, at, 36);
     }
   }
 }

@@ -173,6 +173,7 @@ function showFrame() {
     ["Ever observed", `${count(frame.cells)} cells`],
     ["Grid", `${place.shape.join(" × ")}`],
     ["Cell size", `${place.resolution_m} m`],
+    ["Floor lines", `every ${frame.lines_m} m`],
     ["Frame", place.frame],
   ]);
   showSelected(frame.selected);
@@ -205,7 +206,7 @@ function showSelected(cell) {
 
 function showWish() {
   $("floor-value").textContent = wish.floor.toFixed(2);
-  $("floor-note").textContent = wish.floor > 0 ? `hidden below ${wish.floor.toFixed(2)}` : "all cells shown";
+  $("floor-note").textContent = wish.floor > 0 ? `(below ${wish.floor.toFixed(2)} hidden)` : "";
   $("ramp-floor").style.width = `${100 * wish.floor}%`;
   $("live").setAttribute("aria-pressed", String(wish.follow));
   if (!place?.span || wish.time === null) return;

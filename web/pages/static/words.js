@@ -54,7 +54,7 @@ export function offsetOf(time, zone) {
   return local - Math.floor(time);
 }
 
-const STEPS = [[100, 1, "s"], [6000, 60, "min"], [47 * 3600, 3600, "h"], [Infinity, 86400, "d"]];
+const STEPS = [[100, 1, "s"], [3600, 60, "min"], [47 * 3600, 3600, "h"], [Infinity, 86400, "d"]];
 
 export function durationText(seconds) {
   const [, size, unit] = STEPS.find(([limit]) => seconds < limit);

@@ -1,0 +1,89 @@
+"""Makes docs/images/viewer.png of the demo building: `python -m docs.make_screenshots [URL of a running demo]`.
+
+Without a URL it starts a server of its own and fills it, which takes a minute.
+"""
+
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from playwright.sync_api import Page
+
+from app.client import Client
+from tests.support.chromium import driving, find_chromium, launch
+from tests.support.paths import ROOT
+from tests.support.server import ServerProcess
+
+IMAGES = ROOT / "docs" / "images"
+BUILDING = "building"
+SIZE = {"width": 1280, "height": 800}
+SEEDED_S = 600.0
+DRAWN_S = 60.0
+
+
+def main(arguments: list[str]) -> int:
+    """Take the pictures; the exit status."""
+    executable = find_chromium()
+    if executable is None:
+        print("There is no Chromium or Chrome on the PATH.", file=sys.stderr)
+        return 1
+    IMAGES.mkdir(exist_ok=True)
+    with demo(arguments) as url, launch(executable) as browser, driving(browser):
+        context = browser.new_context(viewport=SIZE, color_scheme="light")
+        view(context.new_page(), url)
+        context.close()
+    return 0
+
+
+@contextmanager
+def demo(arguments: list[str]) -> Iterator[str]:
+    """The address of a server that holds the demo building."""
+    if arguments:
+        yield arguments[0]
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        server = ServerProcess(Path(folder), "--demo")
+        try:
+            wait_until(lambda: "The demo building is ready" in server.output(), SEEDED_S)
+            yield server.url
+        finally:
+            server.stop()
+
+
+def view(page: Page, url: str) -> None:
+    """The viewer at the moment when most was abnormal at once."""
+    with Client(url) as tidemap:
+        events = list(tidemap.location(BUILDING).anomalies())
+    most = max(events, key=lambda event: (len(event.cells), event.start))
+    page.goto(f"{url}/view/?location={BUILDING}&time={most.start}")
+    wait_until(lambda: drawn(page), DRAWN_S)
+    (IMAGES / "viewer.png").write_bytes(settled(page))
+
+
+def drawn(page: Page) -> bool:
+    """Whether the scene is connected and has everything the session wants to show."""
+    sessions = page.evaluate("fetch('/view/sessions').then(answer => answer.json())")
+    return any(each["attached"] and each["idle"] and each["predicted"] for each in sessions)
+
+
+def settled(page: Page) -> bytes:
+    """A picture as soon as two taken one after the other are the same."""
+    pictures = [b"", page.screenshot()]
+    wait_until(lambda: pictures[-2] == pictures[-1] or pictures.append(page.screenshot()), DRAWN_S, pause_s=1)
+    return pictures[-1]
+
+
+def wait_until(holds: Callable[[], object], limit_s: float, pause_s: float = 0.2) -> None:
+    """Return when `holds()` is true; TimeoutError after `limit_s`."""
+    deadline = time.monotonic() + limit_s
+    while not holds():
+        if time.monotonic() > deadline:
+            raise TimeoutError(f"nothing after {limit_s:.0f} s")
+        time.sleep(pause_s)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
