@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from playwright.sync_api import Page
+from playwright.sync_api import Page, ViewportSize
 
 from app.client import Client
 from tests.support.chromium import driving, find_chromium, launch
@@ -19,7 +19,7 @@ from tests.support.server import ServerProcess
 
 IMAGES = ROOT / "docs" / "images"
 BUILDING = "building"
-SIZE = {"width": 1280, "height": 800}
+SIZE: ViewportSize = {"width": 1280, "height": 800}
 SEEDED_S = 600.0
 DRAWN_S = 60.0
 
@@ -71,18 +71,21 @@ def drawn(page: Page) -> bool:
 
 def settled(page: Page) -> bytes:
     """A picture as soon as two taken one after the other are the same."""
-    pictures = [b"", page.screenshot()]
-    wait_until(lambda: pictures[-2] == pictures[-1] or pictures.append(page.screenshot()), DRAWN_S, pause_s=1)
-    return pictures[-1]
+    deadline = time.monotonic() + DRAWN_S
+    before, picture = b"", page.screenshot()
+    while before != picture and time.monotonic() < deadline:
+        time.sleep(1)
+        before, picture = picture, page.screenshot()
+    return picture
 
 
-def wait_until(holds: Callable[[], object], limit_s: float, pause_s: float = 0.2) -> None:
+def wait_until(holds: Callable[[], bool], limit_s: float) -> None:
     """Return when `holds()` is true; TimeoutError after `limit_s`."""
     deadline = time.monotonic() + limit_s
     while not holds():
         if time.monotonic() > deadline:
             raise TimeoutError(f"nothing after {limit_s:.0f} s")
-        time.sleep(pause_s)
+        time.sleep(0.2)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Fixtures: real databases, real server processes, a real browser and the paper's data."""
 
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Generator, Iterator
 from typing import Any
 
 import pytest
@@ -10,9 +10,8 @@ from tests.support.chromium import NAMES, driving, find_chromium, launch
 from tests.support.databases import Databases, PostgresDatabases, SqliteDatabases
 from tests.support.office import FOLDER, Office, missing, read_office
 from tests.support.postgres import Postgres, running_postgres
-from tests.support.server import ServerProcess
+from tests.support.server import ServerProcess, StartServer
 
-StartServer = Callable[..., ServerProcess]
 CONSOLE = pytest.StashKey[list[str]]()
 
 

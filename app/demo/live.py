@@ -51,7 +51,7 @@ class Rounds:
 
     def go(self, now: float, every_s: float) -> None:
         """Post the rounds of every five minutes that were missed, and the latest of every `every_s` seconds."""
-        missed = rounds(max(self._posting.since(), now - CATCH_UP_S), now, now)
+        missed = rounds(max(self._posting.since(), now - CATCH_UP_S), now)
         times = sorted({*missed.tolist(), now - now % every_s})
         for some in chunks(times, JUDGED_ROUNDS):
             self._posting.post(look for look in map(self._robot.look, some) if look is not None)

@@ -135,10 +135,10 @@ class Seat:
         y = self.y if self.back < 0 else self.y + 1
         return seat, box(x, (y, y), (3, 4))
 
-    def person(self, shift: int = 0) -> tuple[Box, ...]:
-        """Somebody who sits on it: legs, body and head."""
-        x = (self.x + shift, self.x + shift + 1)
-        return box(x, (self.y, self.y + 1), (1, 5)), box(x, (self.y, self.y), (6, 6))
+    def person(self) -> tuple[Box, ...]:
+        """The chair in its place and somebody who sits on it: legs, body and head."""
+        x = (self.x, self.x + 1)
+        return *self.chair(), box(x, (self.y, self.y + 1), (1, 5)), box(x, (self.y, self.y), (6, 6))
 
 
 OFFICE_SEATS = Seat(5, 5, 1), Seat(16, 5, 1), Seat(5, 10, -1), Seat(16, 10, -1)
@@ -153,7 +153,9 @@ MEETING_SEATS = (
 )
 KITCHEN_SEATS = Seat(42, 29, 0), Seat(50, 29, 0), Seat(46, 26, 0)
 SEATS = (*OFFICE_SEATS, *LAB_SEATS, *MEETING_SEATS, *KITCHEN_SEATS)
+WANDERING_SEATS = frozenset((*KITCHEN_SEATS, LAB_SEATS[1]))
 SHIFTS = (-1, 0, 1)
+"""How far, in cells along x, chairs wander that people leave elsewhere."""
 
 
 def plant(x: int, y: int) -> tuple[Box, ...]:
@@ -191,7 +193,8 @@ def moving() -> Cells:
     for door in (MAIN_DOOR, OFFICE_DOOR):
         fill(cells, (door.closed, door.open))
     for seat in SEATS:
-        for shift in SHIFTS:
-            fill(cells, seat.chair(shift) + seat.person(shift))
+        fill(cells, seat.person())
+        for shift in SHIFTS if seat in WANDERING_SEATS else (0,):
+            fill(cells, seat.chair(shift))
     fill(cells, PLANT_FIRST + PLANT_LATER)
     return cells

@@ -13,59 +13,67 @@ from app.demo.locations import BUILDING, FORMS, prepare
 from app.demo.posting import Posted, Posting
 from app.demo.progress import Progress, Shown
 from app.demo.robot import INTERVAL_S, Robot
-from app.demo.story import Story, planted
+from app.demo.story import planted
 from app.demo.world import World
-from app.schemas.locations import Location
 
 SEED = 2014
 HISTORY_S = 21 * DAY_S
+TRAINED_S = 14 * DAY_S
+"""At least so much is posted before the first update: two whole weeks, so that it sees the week."""
 JUDGED_S = 3 * DAY_S
-"""At least so much is posted after the first model is there, so that it is judged by it."""
-LEAD_S = 4 * 3600.0
+"""At least so much is posted after the first update, so that it is judged by the first model."""
+LEAD_S = 3600.0
 TRAINING_ROUNDS = 48
 JUDGED_ROUNDS = 12
-"""Rounds of the robot in one post, before and after the first model."""
+"""Rounds of the robot in one post, before and after the first update."""
 
 
 def seed(client: Client, now: float | None = None, progress: Progress | None = None) -> Posted:
     """Make the demo's locations and post three weeks at five minutes up to `now` (Unix seconds, default: now).
 
-    The last days are posted after the first update, so that the planted anomalies are found. What the server has
-    already is not posted again. `progress` is shown on standard error unless given. Takes half a minute.
+    The last days are posted after the first update, so that the planted anomalies are found. What the server
+    has already is not posted again. `progress` is shown on standard error unless given. Takes half a minute.
     Raises TidemapError, NotTheDemoError.
     """
     now = time.time() if now is None else now
     progress = progress or Shown(sys.stderr)
     known = prepare(client)
-    story = story_of(known[BUILDING], now)
-    robot, posting = Robot(World(SEED, story)), Posting(client, known)
-    judged = min(now - JUDGED_S, story.office_empty[0] - LEAD_S)
+    start, judged = phases(now, known[BUILDING].first_time)
+    robot, posting = Robot(World(SEED, planted(start, now))), Posting(client, known)
     if not all(location.revision for location in known.values()):
-        _post(posting, robot, rounds(posting.since(), judged, now), TRAINING_ROUNDS, progress, "Posting history")
-        _update(client, progress, "Learning the rhythms")
-    recent = rounds(posting.since(), now, now)
-    _post(posting, robot, recent, JUDGED_ROUNDS, progress, "Posting the last days")
+        _post(posting, robot, rounds(max(start, posting.since()), judged), TRAINING_ROUNDS, progress, "History")
+        _update(client, progress, "First models")
+    recent = rounds(max(now - HISTORY_S, posting.since()), now)
+    _post(posting, robot, recent, JUDGED_ROUNDS, progress, "Last days")
     if len(recent):
-        _update(client, progress, "Learning the last days")
+        _update(client, progress, "Models")
     return posting.posted
 
 
-def story_of(building: Location, now: float) -> Story:
-    """The story of the building as the server knows it; new buildings are first seen three weeks before `now`."""
-    return planted(now - HISTORY_S if building.first_time is None else building.first_time, now)
+def phases(now: float, first_time: float | None) -> tuple[float, float]:
+    """When the building's life begins, if it has not yet, and up to when it is posted before the first update."""
+    story = planted(now, now)
+    judged = min(now - JUDGED_S, story.office_empty[0] - LEAD_S)
+    return min(now - HISTORY_S, judged - TRAINED_S) if first_time is None else first_time, judged
 
 
-def rounds(after: float, until: float, now: float) -> NDArray[np.float64]:
-    """Times (n,) of the robot's rounds in (after, until], none longer ago than three weeks before `now`."""
-    first = np.floor(max(after, now - HISTORY_S) / INTERVAL_S) + 1
-    return np.arange(first, np.floor(until / INTERVAL_S) + 1) * INTERVAL_S
+def rounds(after: float, until: float) -> NDArray[np.float64]:
+    """Times (n,) of the robot's rounds in (after, until].
+
+    >>> rounds(300.0, 900.0).tolist(), rounds(299.0, 300.0).tolist()
+    ([600.0, 900.0], [300.0])
+    """
+    return np.arange(after // INTERVAL_S + 1, until // INTERVAL_S + 1) * INTERVAL_S
 
 
 def _post(
-    posting: Posting, robot: Robot, times: NDArray[np.float64], at_once: int, progress: Progress, what: str
+    posting: Posting,
+    robot: Robot,
+    times: NDArray[np.float64],
+    at_once: int,
+    progress: Progress,
+    what: str,
 ) -> None:
-    if not len(times):
-        return
     with progress.task(what, len(times)) as step:
         for some in chunks(times.tolist(), at_once):
             posting.post(look for look in map(robot.look, some) if look is not None)

@@ -3,12 +3,13 @@
 from app.demo import plan
 from app.demo.chance import draw
 from app.demo.civil import THURSDAY, TUESDAY, Moment, moment
-from app.demo.people import LAB_TEAM, OFFICE_TEAM, Habits, Place, guests, in_weekly_meeting, place
+from app.demo.people import LAB_TEAM, OFFICE_TEAM, Habits, Place, guests, hours, place
 from app.demo.plan import Cells, Seat, fill
 from app.demo.story import Story, within
 
-_OFFICE, _LAB, _GUESTS, _CHAIR, _MAIN_DOOR, _OFFICE_DOOR = range(6)
+_OFFICE, _LAB, _GUESTS, _CHAIR, _MAIN_DOOR = range(5)
 DOOR_SLOT_S = 300.0
+WEEK_OF_SHIFTS = (0, 0, 0, -1, -1, 1, 1)
 
 
 class World:
@@ -26,10 +27,7 @@ class World:
         self._doors(cells, time, now)
         taken = self._taken(time, now)
         for number, seat in enumerate(plan.SEATS):
-            shift = self._shift(number, now)
-            fill(cells, seat.chair(shift))
-            if seat in taken:
-                fill(cells, seat.person(shift))
+            fill(cells, seat.person() if seat in taken else seat.chair(self._shift(number, now)))
         fill(cells, plan.PLANT_FIRST if time < self.story.plant_moves else plan.PLANT_LATER)
         return cells
 
@@ -58,10 +56,9 @@ class World:
         return self._draw(_MAIN_DOOR, int(time // DOOR_SLOT_S)) < chance
 
     def _office_door_open(self, time: float, now: Moment) -> bool:
-        if within(time, self.story.door_open):
-            return True
-        open_hours = now.workday and 8 <= now.hour < 17.5
-        return self._draw(_OFFICE_DOOR, int(time // DOOR_SLOT_S)) < (0.93 if open_hours else 0.0)
+        """Whoever of the team comes first opens it, who leaves last closes it."""
+        start, stop = hours(OFFICE_TEAM, now.weekday, now.day, self.seed, _OFFICE)
+        return start <= now.hour < stop or within(time, self.story.door_open)
 
     def _taken(self, time: float, now: Moment) -> frozenset[Seat]:
         """The seats on which somebody sits."""
@@ -69,9 +66,8 @@ class World:
         if not within(time, self.story.office_empty):
             taken |= self._team(OFFICE_TEAM, plan.OFFICE_SEATS, _OFFICE, now)
         taken |= self._team(LAB_TEAM, plan.LAB_SEATS, _LAB, now)
-        taken |= {plan.MEETING_SEATS[i] for i in guests(now, len(plan.MEETING_SEATS), self.seed, _GUESTS)}
-        if in_weekly_meeting(now) and now.workday:
-            taken |= set(plan.MEETING_SEATS[2:5])
+        n_guests = guests(now, len(plan.MEETING_SEATS), self.seed, _GUESTS)
+        taken.update(plan.MEETING_SEATS[:n_guests])
         return frozenset(taken)
 
     def _team(self, team: tuple[Habits, ...], desks: tuple[Seat, ...], group: int, now: Moment) -> set[Seat]:
@@ -87,9 +83,11 @@ class World:
         return taken
 
     def _shift(self, chair: int, now: Moment) -> int:
-        """How far from its place the chair stands on a day, in cells."""
-        chance = self._draw(_CHAIR, chair, now.day)
-        return 0 if chance < 0.6 else -1 if chance < 0.8 else 1
+        """How far from its place an empty chair stands on a day, in cells: in a week each way once or twice."""
+        if plan.SEATS[chair] not in plan.WANDERING_SEATS:
+            return 0
+        week, weekday = divmod(now.day, len(WEEK_OF_SHIFTS))
+        return WEEK_OF_SHIFTS[(weekday * 3 + int(7 * self._draw(_CHAIR, chair, week))) % 7]
 
     def _draw(self, *key: int) -> float:
         return draw(self.seed, *key)

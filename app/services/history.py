@@ -41,6 +41,12 @@ def read_history(ctx: Context, name: str, chunk: int, start: int, stop: int) -> 
     return history.window(start, stop)
 
 
+def read_known(ctx: Context, name: str, chunk: int, start: int, stop: int) -> History:
+    """What was measured in one chunk over samples [start, stop) and, uncopied, in those around them."""
+    with ctx.store.read() as work:
+        return _stored(ctx, work, work.locations.get(name), chunk, start, stop)
+
+
 def read_cell(ctx: Context, place: LocationRecord, cell: int, start: int, stop: int) -> History:
     """The history of one cell over samples [start, stop)."""
     return read_history(ctx, place.name, cell // CHUNK_CELLS, start, stop).cells(np.array([cell % CHUNK_CELLS]))

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from app.errors import CellNotFoundError, InvalidInputError
 from app.services.context import Context
-from app.services.history import read_cell, read_history, window
+from app.services.history import read_cell, read_known, window
 from app.services.spectra import Fitted, fitted
 from app.spectral.history import NEVER, UNOBSERVED
 from app.spectral.prediction import entropy, predict, predict_times, state, verdict
@@ -91,10 +91,10 @@ def _last_seen(
 ) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
     """State and time of the latest measurement at or before `time`, for some cells."""
     sample = int(place.base.sample(time))
-    start, _ = window(ctx, place)
+    start, stop = window(ctx, place)
     states, samples = [], []
     for chunk in range(place.n_chunks):
-        history = read_history(ctx, place.name, chunk, start, max(start, sample + 1))
+        history = read_known(ctx, place.name, chunk, start, stop)
         seen, at = history.last_seen(sample)
         states.append(seen)
         samples.append(at)

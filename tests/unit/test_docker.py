@@ -12,6 +12,7 @@ import yaml
 from app.cli import parser
 from app.settings import Settings
 from tests.support.commands import refusal
+from tests.support.documents import code_lines
 from tests.support.paths import ROOT
 
 Instruction = tuple[str, str]
@@ -81,9 +82,9 @@ def test_the_command_exists(final: dict[str, str]) -> None:
 
 
 def test_the_commands_of_the_instructions_exist() -> None:
-    text = (ROOT / "docker" / "README.md").read_text()
-    shown = re.findall(r"docker (?:compose run --rm server|run [^\n]*? tidemap) ([a-z][^\n#]*)", text)
-    assert len(shown) == 2
+    in_container = re.compile(r"docker (?:compose run --rm server|run .*? tidemap) ([a-z].*)")
+    shown = [found[1] for line in code_lines(ROOT / "docker" / "README.md") if (found := in_container.match(line))]
+    assert len(shown) == 3
     for command in shown:
         assert not refusal(parser(), command.split()), command
 

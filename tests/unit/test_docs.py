@@ -16,9 +16,7 @@ from tests.support.paths import ROOT
 EVERY_PAGE = pytest.mark.parametrize("page", pages(), ids=name)
 # Pages may link to these hosts and no others.
 HOSTS = {"127.0.0.1", "keepachangelog.com", "semver.org", "viser.studio"}
-UNFINISHED = re.compile(
-    r"\b(TODO|FIXME|TBD|XXX)\b|lorem ipsum|(?<![\w.])/(home|root|work|Users)/", re.IGNORECASE
-)
+UNFINISHED = re.compile(r"\b(TODO|FIXME|TBD|XXX)\b|lorem ipsum|(?<![\w.])/(home|root|work|Users)/", re.IGNORECASE)
 # The words of docs/conventions.md have no synonyms.
 SYNONYMS = re.compile(r"\b(voxels?|timestamps?|datapoints?|retrain\w*)\b", re.IGNORECASE)
 
@@ -87,9 +85,7 @@ def test_every_page_of_docs_can_be_reached_from_the_readme() -> None:
         if page in reached or page.suffix != ".md" or not page.exists():
             continue
         reached.add(page)
-        waiting += [
-            (page.parent / urlsplit(link).path).resolve() for link in links(page) if not urlsplit(link).scheme
-        ]
+        waiting += [(page.parent / urlsplit(link).path).resolve() for link in links(page) if not urlsplit(link).scheme]
     assert set(pages()) <= reached
 
 

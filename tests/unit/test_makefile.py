@@ -36,9 +36,7 @@ def folder(tmp_path: Path) -> Path:
 def make(folder: Path, *arguments: str) -> "subprocess.CompletedProcess[str]":
     """`make` as a person calls it, not as a child of the `make test` that runs this."""
     env = {name: value for name, value in os.environ.items() if not name.startswith(("MAKE", "MFLAGS"))}
-    return subprocess.run(
-        ["make", *arguments], cwd=folder, env=env, capture_output=True, text=True, check=False
-    )
+    return subprocess.run(["make", *arguments], cwd=folder, env=env, capture_output=True, text=True, check=False)
 
 
 def script(folder: Path, text: str) -> str:

@@ -34,7 +34,7 @@ class StateArrays(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cloud:
-    """Cells to draw: `index` (n, 3) int32 in grid steps, `color` (n, 3) uint8, `row` (n,) into the state's arrays."""
+    """Cells to draw: `index` (n, 3) in grid steps, `color` (n, 3), `row` (n,) into the state's arrays."""
 
     index: NDArray[np.int32]
     color: NDArray[np.uint8]
@@ -62,13 +62,12 @@ def index_of(cell: NDArray[np.int64], shape: Sequence[int]) -> NDArray[np.int32]
     return np.stack(np.unravel_index(cell, full), axis=1).astype(np.int32)
 
 
-def picture(state: StateArrays, floor: float, fresh_s: float) -> Picture:
+def picture(state: StateArrays, index: NDArray[np.int32], floor: float, fresh_s: float) -> Picture:
     """Both grids: predicted cells with p >= `floor`, and what was last seen at the state's time.
 
-    A cell is judged (and may be marked) only when it was seen within `fresh_s` seconds before the state's time:
-    an older sighting says nothing about now.
+    `index` (n, 3) are the grid indices of the state's cells. A cell is judged (and may be marked) only when it
+    was seen within `fresh_s` seconds before the state's time: an older sighting says nothing about now.
     """
-    index = index_of(state.cell, state.shape)
     predicted = _predicted(state, index, floor)
     seen, fresh = _sightings(state, fresh_s)
     occupied = seen == SEEN_OCCUPIED

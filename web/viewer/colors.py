@@ -1,7 +1,7 @@
-"""Colours of the 3D scene: one perceptual scale for probability, and marks that colour-blind people can tell apart.
+"""Colours of the 3D scene: a perceptual scale for probability, marks that colour-blind people can tell apart.
 
-The scale is cividis (Nuñez, Anderton and Renslow, PLoS ONE 2018), interpolated from ten of its points; the marks
-are from the Okabe-Ito palette. The scene is always dark, so that what is likely occupied is what is bright.
+The scale is cividis (Nuñez, Anderton and Renslow, PLoS ONE 2018), interpolated from ten of its points; the
+marks follow the Okabe-Ito palette. The scene is always dark, so that what is likely occupied is what is bright.
 """
 
 import numpy as np
@@ -27,7 +27,7 @@ FLOOR: Rgb = (52, 57, 66)
 UNEXPECTED: Rgb = (255, 94, 20)  # observed occupied where the prediction says free
 MISSING: Rgb = (86, 180, 233)  # observed free where the prediction says occupied
 STALE: Rgb = (112, 116, 124)  # last seen occupied, too long ago to be judged
-SELECTED: Rgb = (255, 255, 255)
+SELECTED: Rgb = (255, 70, 220)
 
 
 def rgb(hexadecimal: str) -> Rgb:
@@ -70,7 +70,8 @@ def of_probability(probability: NDArray[np.floating]) -> NDArray[np.uint8]:
     [[0, 34, 78], [254, 232, 56]]
     """
     level = np.rint(np.clip(probability, 0.0, 1.0) * 255.0).astype(np.intp)
-    return SCALE[level]
+    found: NDArray[np.uint8] = SCALE[level]
+    return found
 
 
 def gradient_css(steps: int = 16) -> str:

@@ -14,8 +14,8 @@ Vector = NDArray[np.float64]
 class Layout:
     """One grid drawn twice.
 
-    `origin` (3,) is the corner of cell [0,0,0] in metres, `low` and `high` (3,) bound the observed cells in metres,
-    `shift` (3,) is added to draw the observed grid, `flat` tells a floor plan from a volume.
+    In metres, (3,) each: `origin`, the corner of cell [0,0,0]; `low` and `high`, the bounds of the observed cells;
+    `shift`, added to draw the observed grid. `flat` tells a floor plan from a volume.
     """
 
     origin: Vector
@@ -29,6 +29,13 @@ class Layout:
     def size(self) -> Vector:
         """Extent (3,) of one grid in metres."""
         return self.high - self.low
+
+    def same_as(self, other: "Layout | None") -> bool:
+        """Whether another layout puts everything at the same places."""
+        return other is not None and all(
+            np.array_equal(mine, theirs)
+            for mine, theirs in ((self.origin, other.origin), (self.low, other.low), (self.high, other.high))
+        )
 
     @property
     def lines_m(self) -> float:

@@ -15,6 +15,7 @@ from fastapi import APIRouter, Request, Response, WebSocket, WebSocketDisconnect
 from fastapi.concurrency import run_in_threadpool
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, WebSocketException
+from websockets.typing import Subprotocol
 
 from app.services.context import Context
 from web.pages import guard
@@ -164,11 +165,11 @@ async def _converse(socket: WebSocket, viewer: ViewerServer, token: str) -> None
 
 async def _pipe(socket: WebSocket, port: int, token: str) -> None:
     """Pass frames both ways unchanged until either end closes."""
-    protocols = [str(name) for name in socket.scope.get("subprotocols", [])]
+    protocols = [Subprotocol(name) for name in socket.scope.get("subprotocols", [])]
     address = f"ws://127.0.0.1:{port}/?token={token}"
     try:
         inner = await connect(
-            address, subprotocols=protocols or None, max_size=None, compression=None, ping_interval=None  # type: ignore[arg-type]
+            address, subprotocols=protocols or None, max_size=None, compression=None, ping_interval=None
         )
     except (OSError, WebSocketException):
         await socket.close(1013)

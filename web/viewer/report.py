@@ -13,7 +13,7 @@ from web.viewer.messages import Message, Wish
 from web.viewer.span import span
 
 if TYPE_CHECKING:
-    from web.viewer.session import Shown
+    from web.viewer.painter import Shown
 
 
 def grids(items: list[Location]) -> Message:
@@ -54,7 +54,7 @@ def _mark(event: Event) -> Message:
     }
 
 
-def frame(shown: Shown, wish: Wish, fresh_s: float, selected: int | None) -> Message:
+def frame(shown: Shown, wish: Wish, selected: int | None) -> Message:
     """What is on the screen now."""
     state, picture = shown.state, shown.picture
     return {
@@ -68,7 +68,8 @@ def frame(shown: Shown, wish: Wish, fresh_s: float, selected: int | None) -> Mes
         "order": state.order,
         "confidence": state.confidence,
         "floor": wish.floor,
-        "fresh_s": fresh_s,
+        "fresh_s": shown.fresh_s,
+        "lines_m": shown.layout.lines_m,
         "cells": len(state.cell),
         "predicted": len(picture.predicted.row),
         "observed": len(picture.observed.row),
@@ -104,7 +105,7 @@ def notice(reason: str, detail: str) -> Message:
     return {"kind": "notice", "reason": reason, "detail": detail}
 
 
-def stats(token: str, shown: Shown | None, *, updates: int, attached: bool, idle: bool) -> Message:
+def stats(token: str, shown: Shown | None, updates: int, idle: bool) -> Message:
     """One session for GET /view/sessions; the token is shortened, for it is a secret of the tab."""
     return {
         "session": token[:6],
@@ -114,6 +115,5 @@ def stats(token: str, shown: Shown | None, *, updates: int, attached: bool, idle
         "predicted": len(shown.picture.predicted.row) if shown else 0,
         "observed": len(shown.picture.observed.row) if shown else 0,
         "updates": updates,
-        "attached": attached,
         "idle": idle,
     }

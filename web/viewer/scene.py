@@ -34,7 +34,7 @@ class Scene:
         self._selected = None
         self.layout = None
 
-    def build(self, layout: Layout, extent: int, aim: bool) -> None:
+    def build(self, layout: Layout, extent: int) -> None:
         """Lay the floor and empty grids out for a location of at most `extent` cells a side."""
         self.clear()
         self.layout = layout
@@ -42,8 +42,6 @@ class Scene:
             shift = layout.shift if name == "observed" else np.zeros(3)
             self._lay_floor(name, layout, shift)
             self._clouds[name] = self._empty_cloud(name, layout, shift, extent)
-        if aim:
-            self.aim(from_above=layout.flat)
 
     def aim(self, from_above: bool) -> None:
         """Turn the camera so that both grids are in view."""
@@ -72,7 +70,7 @@ class Scene:
             self.client.scene.remove_by_name(f"/{name}/selected")
         if index is None:
             return
-        half = np.full(3, self.layout.resolution_m / 2)
+        half = np.full(3, self.layout.resolution_m * 0.6)
         centre = self.layout.centre(index)
         for name in _GRIDS:
             shift = self.layout.shift if name == "observed" else np.zeros(3)
@@ -89,7 +87,9 @@ class Scene:
             handle.points = cloud.index.astype(np.float32) + np.float32(0.5)
             handle.colors = cloud.color
 
-    def _empty_cloud(self, name: str, layout: Layout, shift: NDArray[np.float64], extent: int) -> viser.PointCloudHandle:
+    def _empty_cloud(
+        self, name: str, layout: Layout, shift: NDArray[np.float64], extent: int
+    ) -> viser.PointCloudHandle:
         return self.client.scene.add_point_cloud(
             f"/{name}/cells",
             points=np.zeros((1, 3), dtype=np.float32),
@@ -136,5 +136,5 @@ class Scene:
         signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
         corners = centre + signs * half
         self.client.scene.add_line_segments(
-            name, corners[_EDGES], np.array(color, dtype=np.uint8), thickness=2.0, thickness_units="screen"
+            name, corners[_EDGES], np.array(color, dtype=np.uint8), thickness=2.5, thickness_units="screen"
         )

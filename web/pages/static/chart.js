@@ -88,6 +88,20 @@ function drawStrips(state) {
   };
 }
 
+function drawForecast(state) {
+  return (chart) => {
+    const { ctx, bbox } = chart;
+    const ratio = devicePixelRatio;
+    const edge = chart.valToPos(state.last, "x", true);
+    if (edge < bbox.left || edge > bbox.left + bbox.width - 60 * ratio) return;
+    ctx.save();
+    ctx.font = `${11 * ratio}px system-ui, sans-serif`;
+    ctx.fillStyle = colours().quiet;
+    ctx.fillText("forecast", edge + 5 * ratio, bbox.top + 11 * ratio);
+    ctx.restore();
+  };
+}
+
 function drawBack(state, zone) {
   return (chart) => {
     const { ctx, bbox } = chart;
@@ -115,10 +129,6 @@ function drawBack(state, zone) {
       ctx.moveTo(edge, bbox.top);
       ctx.lineTo(edge, bbox.top + bbox.height);
       ctx.stroke();
-      ctx.fillStyle = c.quiet;
-      ctx.font = `${11 * devicePixelRatio}px system-ui, sans-serif`;
-      ctx.textBaseline = "top";
-      ctx.fillText("forecast", edge + 5 * devicePixelRatio, bbox.top + 3 * devicePixelRatio);
     }
     ctx.restore();
   };
@@ -169,7 +179,7 @@ export function draw(host, reading, state, zone, zoomed) {
       padding: [8, 6, 0, 0],
       legend: { show: false },
       cursor: { y: false, drag: { x: true, y: false, setScale: false } },
-      scales: { x: { time: true }, y: { range: [-0.16, 1.03] } },
+      scales: { x: { time: true }, y: { range: [-0.16, 1.1] } },
       series: [{}, { stroke: c.predicted, width: 2, points: { show: false } }],
       axes: [
         { stroke: c.quiet, grid: { stroke: c.grid }, ticks: { stroke: c.grid }, splits: splits(zone), values: tickTexts(zone), size: 46 },
@@ -180,7 +190,7 @@ export function draw(host, reading, state, zone, zoomed) {
       ],
       hooks: {
         drawClear: [drawBack(state, zone)],
-        draw: [drawStrips(state)],
+        draw: [drawStrips(state), drawForecast(state)],
         setCursor: [read],
         setSelect: [
           (made) => {

@@ -76,6 +76,13 @@ async function load() {
 }
 
 function show(series, events, step) {
+  if (series.probability.every((p) => p === null) && series.observed.every((s) => s === null)) {
+    return say(
+      place.kind === "state"
+        ? "Nothing was observed in this range, and there is no model yet."
+        : `Cell ${cell} has not been observed. Click another one in the 3D viewer.`,
+    );
+  }
   const mine = events.filter((event) => event.cells.includes(cell)).map((event) => ({
     start: Date.parse(event.start) / 1000,
     stop: Date.parse(event.stop) / 1000,
@@ -164,7 +171,8 @@ async function rhythms() {
   }
   try {
     const model = await ask(`${base}/model?cell=${cell}`);
-    if (model.components.length) box.replaceChildren(table(model), heading(model));
+    if (model.mean === null) quiet.textContent = "This cell has not been observed.";
+    else if (model.components.length) box.replaceChildren(table(model), heading(model));
     else {
       quiet.textContent = "No rhythm: the model is the mean alone.";
       box.append(heading(model));

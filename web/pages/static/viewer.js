@@ -1,7 +1,7 @@
 // The viewer's page: it owns the address, the time and the settings; the session on the server draws the scene.
 
 import { Timeline } from "./timeline.js";
-import { dateText, clockText, durationText, relativeText, timeText, zoneText } from "./words.js";
+import { dateText, clockText, durationText, zoneText } from "./words.js";
 
 const $ = (id) => document.getElementById(id);
 const { token, scene } = document.body.dataset;
@@ -109,6 +109,9 @@ const handlers = {
   },
   notice(message) {
     frame = null;
+    for (const id of ["unexpected", "missing", "stale"]) $(id).textContent = "";
+    $("facts").replaceChildren();
+    showSelected(null);
     explain(message);
   },
 };
@@ -168,11 +171,10 @@ function showFrame() {
   pairs($("facts"), [
     ["Revision", String(frame.revision)],
     ["Estimator", `${frame.estimator}, order ${frame.order}`],
-    ["Predicted shown", `${count(frame.predicted)} cells`],
-    ["Observed shown", `${count(frame.observed)} cells`],
-    ["Ever observed", `${count(frame.cells)} cells`],
-    ["Grid", `${place.shape.join(" × ")}`],
-    ["Cell size", `${place.resolution_m} m`],
+    ["Predicted", `${count(frame.predicted)} cells shown`],
+    ["Observed", `${count(frame.observed)} cells shown`],
+    ["Known", `${count(frame.cells)} cells`],
+    ["Grid", `${place.shape.join(" × ")} of ${place.resolution_m} m`],
     ["Floor lines", `every ${frame.lines_m} m`],
     ["Frame", place.frame],
   ]);
@@ -192,7 +194,7 @@ function showSelected(cell) {
     });
   }
   const seen = cell.observed === null ? "never by then" : cell.observed ? "occupied" : "free";
-  const ago = cell.observed_time === null ? "–" : relativeText(cell.observed_time, frame.time);
+  const ago = cell.observed_time === null ? "–" : `${durationText(frame.time - cell.observed_time)} before`;
   pairs($("selected-facts"), [
     ["Number", String(cell.cell)],
     ["Index", `[${cell.index.join(", ")}]`],
@@ -200,16 +202,20 @@ function showSelected(cell) {
     ["Probability", cell.probability.toFixed(3)],
     ["Last seen", seen],
     ["", ago],
-    ["Chart", link],
+    ["", link],
   ]);
 }
 
 function showWish() {
   $("floor-value").textContent = wish.floor.toFixed(2);
-  $("floor-note").textContent = wish.floor > 0 ? `(below ${wish.floor.toFixed(2)} hidden)` : "";
+  $("floor-note").textContent = wish.floor > 0 ? `(hidden below ${wish.floor.toFixed(2)})` : "";
   $("ramp-floor").style.width = `${100 * wish.floor}%`;
   $("live").setAttribute("aria-pressed", String(wish.follow));
-  if (!place?.span || wish.time === null) return;
+  if (!place?.span || wish.time === null) {
+    $("date").textContent = "–";
+    for (const id of ["clock", "zone", "tense"]) $(id).textContent = "";
+    return;
+  }
   const zone = place.time_zone;
   $("date").textContent = dateText(wish.time, zone);
   $("clock").textContent = clockText(wish.time, zone);

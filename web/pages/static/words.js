@@ -60,9 +60,3 @@ export function durationText(seconds) {
   const [, size, unit] = STEPS.find(([limit]) => seconds < limit);
   return `${Number((seconds / size).toPrecision(3))} ${unit}`;
 }
-
-export function relativeText(time, now) {
-  const away = Math.abs(now - time);
-  if (away < 10) return "now";
-  return time < now ? `${durationText(away)} ago` : `in ${durationText(away)}`;
-}

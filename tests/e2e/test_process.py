@@ -1,0 +1,35 @@
+"""`tidemap serve` as a process: it starts, stops and comes back."""
+
+from pathlib import Path
+
+import httpx
+
+from tests.support.server import ServerProcess, StartServer, run_command
+
+DOOR = {"name": "door", "kind": "state", "interval_s": 60}
+SEEN = {"time": [0, 60, 120], "state": [0, 1, 0]}
+
+
+def test_it_stops_cleanly(server: StartServer) -> None:
+    started = server()
+    assert started.stop() == 0
+    assert [path.name for path in started.data.iterdir()] == ["tidemap.db"]
+
+
+def test_what_it_acknowledged_survives_its_death(server: StartServer) -> None:
+    started = server()
+    post(started, "/locations", DOOR)
+    post(started, "/locations/door/observations", SEEN)
+    started.kill()
+    started.restart()
+    assert httpx.get(f"{started.url}/api/v1/locations/door").json()["observations"] == 3
+
+
+def test_beyond_loopback_it_wants_a_key(tmp_path: Path) -> None:
+    refused = run_command("serve", "--host", "192.0.2.1", "--port", "0", "--data", str(tmp_path))
+    assert refused.returncode == 1
+    assert "tidemap keys create" in refused.stderr
+
+
+def post(server: ServerProcess, path: str, form: object) -> None:
+    httpx.post(f"{server.url}/api/v1{path}", json=form).raise_for_status()

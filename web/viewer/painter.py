@@ -1,0 +1,166 @@
+"""Paints what a tab wishes to see and tells its page about it. Used by one thread, the session's."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.schemas.locations import Location
+from web.viewer import report
+from web.viewer.cells import Cloud, Picture, index_of, picture
+from web.viewer.layout import Layout, Vector, arrange
+from web.viewer.messages import Aim, Message, Select, Wish
+from web.viewer.picking import first_hit, rows_by_index
+from web.viewer.scene import Scene
+from web.viewer.source import Question, Source, State
+
+ACKNOWLEDGE_S = 15.0
+FRESH_S = 3600.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shown:
+    """What a tab shows. A cell seen up to `fresh_s` before the time is judged."""
+
+    place: Location
+    state: State
+    picture: Picture
+    layout: Layout
+    fresh_s: float
+
+
+class Painter:
+    """Keeps what is on the screen, so that only differences are sent."""
+
+    def __init__(self, source: Source, publish: Callable[[Message], None]) -> None:
+        self.shown: Shown | None = None
+        self.updates = 0
+        self._source = source
+        self._publish = publish
+        self._scene: Scene | None = None
+        self._built: str | None = None
+        self._aim: Aim | None = None
+        self._selected: int | None = None
+        self._place: str | None = None
+        self._known: set[str] = set()
+
+    def prepare(self, scene: Scene | None, aim: Aim | None, select: Select | None) -> None:
+        """Take what came with the wish; None changes nothing."""
+        if scene is not None:
+            self._scene, self._built = scene, None
+        if aim is not None:
+            self._aim = aim
+        if select is not None:
+            self._selected = select.cell
+
+    def concerned(self, names: set[str]) -> bool:
+        """Whether news of these locations can change what the tab shows; asked from other threads."""
+        return self.shown is None or self._place in names or not names <= self._known
+
+    def paint(self, wish: Wish, news: bool) -> None:
+        """Bring the tab to a wish; `news` asks for everything afresh.
+
+        Raises LocationNotFoundError, NoModelError; RuntimeError and TimeoutError when the browser does not take it.
+        """
+        if news:
+            self._tell_grids()
+        name = wish.location or next((grid.name for grid in self._source.grids()), None)
+        if name is None:
+            self.blank("no-grids", "")
+            return
+        place = self._source.grid(name)
+        if news or self._place != name:
+            self._tell_place(place)
+        shown = self._look(place, wish)
+        if shown is None:
+            self.blank("no-observations", name)
+            return
+        self._draw(shown)
+        self.shown = shown
+        self._publish(report.frame(shown, wish, self._selected))
+
+    def blank(self, reason: str, detail: str) -> None:
+        """Show nothing, and say why."""
+        if self._scene is not None:
+            with self._scene.client.atomic():
+                self._scene.clear()
+            self._scene.client.flush()
+        self.forget()
+        self.shown = None
+        self._publish(report.notice(reason, detail))
+
+    def forget(self) -> None:
+        """Draw everything anew the next time."""
+        self._built = None
+
+    def pick(self, origin: tuple[float, float, float], direction: tuple[float, float, float]) -> int | None:
+        """The linear index of the first cell along a ray in metres of the scene; asked from other threads."""
+        shown = self.shown
+        if shown is None:
+            return None
+        clouds = ((shown.picture.predicted, np.zeros(3)), (shown.picture.observed, shown.layout.shift))
+        hits = [_hit(shown, cloud, np.asarray(origin) - shift, np.asarray(direction)) for cloud, shift in clouds]
+        return min((hit for hit in hits if hit is not None), default=(0.0, None))[1]
+
+    def _tell_grids(self) -> None:
+        grids = self._source.grids()
+        self._known |= {grid.name for grid in grids}
+        self._publish(report.grids(grids))
+
+    def _tell_place(self, place: Location) -> None:
+        if self._place != place.name:
+            self._selected = None
+        self._place = place.name
+        now = self._source.now()
+        first = place.first_time if place.first_time is not None else now
+        self._publish(report.place(place, self._source.events(place.name, first), now))
+
+    def _look(self, place: Location, wish: Wish) -> Shown | None:
+        """What there is to see; None when nothing has been observed."""
+        if place.last_time is None or place.grid is None:
+            return None
+        time = place.last_time if wish.follow or wish.time is None else wish.time
+        state = self._source.state(Question(place.name, time, wish.confidence, wish.order))
+        if len(state.cell) == 0:
+            return None
+        index = index_of(state.cell, state.shape)
+        layout = arrange(place.grid.origin, place.grid.resolution_m, index, place.kind == "grid2d")
+        fresh_s = max(FRESH_S, 2 * place.interval_s)
+        return Shown(place, state, picture(state, index, wish.floor, fresh_s), layout, fresh_s)
+
+    def _draw(self, shown: Shown) -> None:
+        scene = self._scene
+        if scene is None:
+            return
+        with scene.client.atomic():
+            if self._built != shown.place.name or not shown.layout.same_as(scene.layout):
+                scene.build(shown.layout, max(shown.state.shape))
+            if self._built != shown.place.name:
+                scene.aim(from_above=shown.layout.flat)
+            scene.show(shown.picture)
+            scene.select(_index(shown, self._selected))
+            if self._aim is not None:
+                scene.aim(from_above=self._aim.view == "above")
+        self._built, self._aim = shown.place.name, None
+        scene.send(ACKNOWLEDGE_S)
+        self.updates += 1
+
+
+def _index(shown: Shown, cell: int | None) -> NDArray[np.int32] | None:
+    if cell is None or cell >= int(np.prod(shown.state.shape)):
+        return None
+    index: NDArray[np.int32] = index_of(np.array([cell], dtype=np.int64), shown.state.shape)[0]
+    return index
+
+
+def _hit(shown: Shown, cloud: Cloud, origin: Vector, direction: Vector) -> tuple[float, int] | None:
+    """Distance in steps and linear index of the first cell of a cloud along a ray."""
+    size = (*shown.state.shape, 1, 1)[:3]
+    start = (origin - shown.layout.origin) / shown.layout.resolution_m
+    drawn = rows_by_index(cloud.index)
+    hit = first_hit(start, direction, drawn, (size[0], size[1], size[2]))
+    if hit is None:
+        return None
+    distance = float(np.linalg.norm(np.array(hit) + 0.5 - start))
+    return distance, int(shown.state.cell[cloud.row[drawn[hit]]])
