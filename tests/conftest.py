@@ -1,9 +1,11 @@
 """Fixtures: real databases, real server processes, a real browser and the paper's data."""
 
+import os
 from collections.abc import Generator, Iterator
 from typing import Any
 
 import pytest
+from hypothesis import settings
 from playwright.sync_api import Browser, Page
 
 from tests.support.chromium import NAMES, driving, find_chromium, launch
@@ -13,6 +15,10 @@ from tests.support.postgres import Postgres, running_postgres
 from tests.support.server import ServerProcess, StartServer
 
 CONSOLE = pytest.StashKey[list[str]]()
+
+# No deadline, for the machine may be busy; the same examples in every run of CI, new ones elsewhere.
+settings.register_profile("tidemap", deadline=None, derandomize="CI" in os.environ)
+settings.load_profile("tidemap")
 
 
 @pytest.fixture(scope="session")
