@@ -1,6 +1,7 @@
 """Alembic's entry: runs migrations on the connection it is handed, or on TIDEMAP_DATABASE_URL from the command line."""
 
 from alembic import context
+
 from app.settings import Settings
 from app.storage.engine import open_writer
 from app.storage.tables import metadata

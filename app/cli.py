@@ -1,7 +1,6 @@
 """The command `tidemap`."""
 
 import argparse
-import ipaddress
 import json
 import os
 import sys
@@ -116,28 +115,19 @@ def _migrate(arguments: argparse.Namespace) -> int:
 
 def _serve(arguments: argparse.Namespace) -> int:
     from app.services.context import open_context
-    from app.services.keys import is_open
+    from app.services.keys import list_keys
     from app.storage.store import prepare_database
     from web.serve import Options, serve
 
     settings = _settings(arguments)
     prepare_database(settings.url)
     with open_context(settings) as ctx:
-        if not _is_loopback(settings.host) and not settings.open and is_open(ctx):
+        if not settings.keyless and not list_keys(ctx):
             return _failed(
                 f"no key exists, so this server listens on loopback only, not on {settings.host}. Make one with "
                 "'tidemap keys create --role admin', or say --open if a gateway before it checks who asks."
             )
         return serve(ctx, Options(demo=arguments.demo))
-
-
-def _is_loopback(host: str) -> bool:
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
 
 
 def _demo(arguments: argparse.Namespace) -> int:

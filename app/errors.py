@@ -171,6 +171,12 @@ class InvalidInputError(TidemapError):
         return cls(FieldError(field, message))
 
 
+def refuse_reversed(start: float | None, stop: float | None) -> None:
+    """Raise InvalidInputError for a range of times that stops before it starts."""
+    if start is not None and stop is not None and stop < start:
+        raise InvalidInputError.at("stop", "it lies before start; swap them")
+
+
 class UnauthorizedError(TidemapError):
     """No key, or none that is known."""
 

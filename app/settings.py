@@ -1,9 +1,24 @@
 """Every setting of the server on one page. Each can be set as an environment variable `TIDEMAP_<NAME>`."""
 
+import ipaddress
 from pathlib import Path
 
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine reaches the address.
+
+    >>> [is_loopback(host) for host in ("127.0.0.1", "::1", "localhost", "0.0.0.0", "example.org")]
+    [True, True, True, False, False]
+    """
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
 
 
 class Settings(BaseSettings):
@@ -53,6 +68,11 @@ class Settings(BaseSettings):
     socket_queue: int = Field(256, gt=0, description="Events a WebSocket reader may lag behind before it is dropped.")
     viewer: bool = Field(True, description="Run the 3D viewer.")
     log_level: str = Field("info", description="debug, info, warning or error.")
+
+    @property
+    def keyless(self) -> bool:
+        """Whether no key is needed while none exists: on loopback, or behind somebody else's gateway."""
+        return self.open or is_loopback(self.host)
 
     @property
     def url(self) -> str:

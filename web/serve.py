@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import signal
 import socket
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -69,6 +70,9 @@ def serve(ctx: Context, options: Options) -> int:
                 stack.enter_context(_Demo(ctx, url))
 
         server = _Server(config, ready)
+        for asked in (signal.SIGTERM, signal.SIGINT):
+            # uvicorn raises the signal again once it has stopped; what is left to close here comes after that.
+            signal.signal(asked, lambda *_: None)
         server.run([bound])
         return 0 if server.started else 1
 

@@ -3,12 +3,13 @@
 from typing import Annotated
 
 from fastapi import Depends, Query, Request
+from pydantic import AfterValidator
 
 from app.api.auth import require
 from app.api.bodies import read_body
 from app.errors import InvalidInputError
 from app.ingest.observation import Body
-from app.schemas.common import parse_time
+from app.schemas.common import Text, parse_time
 from app.services.context import Context
 from app.services.keys import Principal
 
@@ -46,6 +47,13 @@ def cursor(name: str, value: str | None) -> int | None:
     return int(value)
 
 
+def _storable(number: int) -> int:
+    """The id, or the greatest or least that a database holds, which nothing has."""
+    return max(-LARGEST_ID, min(number, LARGEST_ID))
+
+
+LARGEST_ID = 2**63 - 1
+Id = Annotated[int, AfterValidator(_storable)]
 Ctx = Annotated[Context, Depends(context)]
 BodyIn = Annotated[Body, Depends(body)]
 Robot = Annotated[Principal, Depends(require("robot"))]
@@ -53,4 +61,4 @@ Operator = Annotated[Principal, Depends(require("operator"))]
 Admin = Annotated[Principal, Depends(require("admin"))]
 TimeQuery = Annotated[str | None, Query(description="Unix seconds, or ISO 8601 with a zone.")]
 Limit = Annotated[int, Query(ge=1, le=1000)]
-After = Annotated[str | None, Query(description="The `next` of the page before.")]
+After = Annotated[Text | None, Query(description="The `next` of the page before.")]

@@ -109,7 +109,7 @@ def _message(detail: Mapping[str, Any]) -> str:
         return "this field is not known; remove it or check its spelling"
     if detail["type"] == "missing":
         return "this field is missing"
-    return message[:1].lower() + message[1:]
+    return message if detail["type"] == "value_error" else message[:1].lower() + message[1:]
 
 
 def _http(request: Request, error: Exception) -> Response:
@@ -118,6 +118,7 @@ def _http(request: Request, error: Exception) -> Response:
     title = HTTPStatus(error.status_code).phrase
     details = {
         404: "There is nothing at this address. The addresses are listed at /api/docs.",
+        400: "The body cannot be read as JSON: send UTF-8, not nested deeply.",
         405: f"{request.method} is not allowed here.",
     }
     problem = Problem(

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterable
+from http import HTTPMethod
 
 from prometheus_client import CollectorRegistry, Counter, Histogram
 from prometheus_client.core import GaugeMetricFamily
@@ -10,6 +11,9 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.events.messages import Message as Event
 from app.services.context import Context
+
+METHODS = frozenset(HTTPMethod)
+"""Methods that get a label of their own; a sender may invent as many others as it likes."""
 
 
 class QueueCollector(Collector):
@@ -67,4 +71,5 @@ class RequestMetrics:
             await self._app(scope, receive, watch)
         finally:
             route = getattr(scope.get("route"), "path", "other")
-            self._duration.labels(scope["method"], route, str(status)).observe(time.perf_counter() - started)
+            method = scope["method"] if scope["method"] in METHODS else "other"
+            self._duration.labels(method, route, str(status)).observe(time.perf_counter() - started)

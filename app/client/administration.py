@@ -99,9 +99,7 @@ class ClientOperations(AnomalyOperations, Generic[Handle]):
     @operation
     def acknowledge(self, anomaly_id: int, note: str | None = None) -> Plan[Event]:
         """Say that an operator has seen an anomaly."""
-        return (
-            yield from ask(Event, post(f"{self.path}/anomalies/{anomaly_id}/acknowledge", given(note=note)))
-        )
+        return (yield from ask(Event, post(f"{self.path}/anomalies/{anomaly_id}/acknowledge", given(note=note))))
 
 
 class Entries(Resource, Generic[F]):

@@ -197,9 +197,7 @@ class LocationOperations(AnomalyOperations):
         estimator: EstimatorName | None = None,
     ) -> Plan[Events]:
         """Anomalies computed over the history in [start, stop); nothing is stored."""
-        form = given(
-            start=start, stop=stop, confidence=confidence, rule=rule, order=order, estimator=estimator
-        )
+        form = given(start=start, stop=stop, confidence=confidence, rule=rule, order=order, estimator=estimator)
         return (yield from ask(Events, post(f"{self.path}/anomalies/detect", form)))
 
     def _linear(self, cells: Any) -> Plan[Any]:

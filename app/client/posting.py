@@ -33,8 +33,6 @@ def merged(stored: list[Accepted]) -> Accepted:
         duplicate=all(answer.duplicate for answer in stored),
         first_time=min(firsts, default=None),
         last_time=max(lasts, default=None),
-        anomalies=list(
-            {event.id if event.id is not None else -i: event for i, event in enumerate(events)}.values()
-        ),
+        anomalies=list({event.id if event.id is not None else -i: event for i, event in enumerate(events)}.values()),
         revision=stored[-1].revision,
     )

@@ -14,9 +14,7 @@ JSON = "application/json"
 def given(**parameters: Any) -> dict[str, Any]:
     """The parameters that are not None, those named start, stop and epoch in Unix seconds."""
     chosen = {name: value for name, value in parameters.items() if value is not None}
-    return {
-        name: unix(value) if name in {"start", "stop", "epoch"} else value for name, value in chosen.items()
-    }
+    return {name: unix(value) if name in {"start", "stop", "epoch"} else value for name, value in chosen.items()}
 
 
 def post(
@@ -26,9 +24,7 @@ def post(
     return send("POST", path, form, query or {}, repeatable)
 
 
-def send(
-    method: str, path: str, form: Mapping[str, Any], query: Mapping[str, Scalar], repeatable: bool
-) -> Request:
+def send(method: str, path: str, form: Mapping[str, Any], query: Mapping[str, Scalar], repeatable: bool) -> Request:
     """A request with a JSON form."""
     content = json.dumps(form, allow_nan=False).encode()
     return Request(method, path, query, content, {"Content-Type": JSON}, repeatable)

@@ -1,6 +1,6 @@
 """What the robot saw, on its way to the server: every location gets what it does not have yet."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -36,24 +36,26 @@ class Posting:
         """All that was seen after this has to be posted somewhere."""
         return min(self.last.values())
 
-    def post(self, looks: Iterable[Look]) -> None:
-        """Post to every location the looks it does not have. Raises TidemapError."""
-        seen = list(looks)
-        self._building([look for look in seen if look.time > self.last[BUILDING]])
+    def post(self, looks: Sequence[Look]) -> None:
+        """Post looks at the building and at the places in it. Raises TidemapError."""
+        self.post_building(looks)
+        self.post_places([look.time for look in looks], [look.places for look in looks])
+
+    def post_building(self, looks: Sequence[Look]) -> None:
+        """Post what was seen of the building, as columns in one batch or a few."""
+        new = [look for look in looks if look.time > self.last[BUILDING]]
+        if new:
+            time = np.repeat([look.time for look in new], [len(look.cell) for look in new])
+            state = np.concatenate([look.state for look in new])
+            self._observe(BUILDING, time, state, np.concatenate([look.cell for look in new]))
+
+    def post_places(self, time: Sequence[float], seen: Sequence[Mapping[str, bool]]) -> None:
+        """Post the states of the places, seen at times (n,)."""
         for place in PLACES:
-            self._place(place, [look for look in seen if look.time > self.last[place]])
-
-    def _building(self, looks: Sequence[Look]) -> None:
-        if looks:
-            time = np.repeat([look.time for look in looks], [len(look.cell) for look in looks])
-            state = np.concatenate([look.state for look in looks])
-            cell = np.concatenate([look.cell for look in looks])
-            self._observe(BUILDING, time, state, cell)
-
-    def _place(self, place: str, looks: Sequence[Look]) -> None:
-        if looks:
-            time = np.array([look.time for look in looks])
-            self._observe(place, time, np.array([look.places[place] for look in looks]), None)
+            new = np.asarray(time) > self.last[place]
+            if new.any():
+                state = np.array([each[place] for each in seen])
+                self._observe(place, np.asarray(time)[new], state[new], None)
 
     def _observe(
         self, name: str, time: NDArray[np.float64], state: NDArray[Any], cell: NDArray[np.uint32] | None

@@ -1,5 +1,6 @@
 """What the robot sees of the building on its rounds."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,6 +57,10 @@ class Robot:
         seen = self._seen(visit)
         cell = np.flatnonzero(seen).astype(np.uint32)
         return Look(time, cell, occupied[cell].astype(np.uint8), self.world.states(time))
+
+    def looks(self, times: Iterable[float]) -> list[Look]:
+        """What the robot sees on the rounds that it makes of those at `times`."""
+        return [look for look in map(self.look, times) if look is not None]
 
     def _seen(self, visit: int) -> Cells:
         seen = self._always.copy()

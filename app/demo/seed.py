@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from app.client import Client, TidemapError
 from app.demo.civil import DAY_S
-from app.demo.locations import BUILDING, FORMS, prepare
+from app.demo.locations import BUILDING, FORMS, begin_events, prepare
 from app.demo.posting import Posted, Posting
 from app.demo.progress import Progress, Shown
 from app.demo.robot import INTERVAL_S, Robot
@@ -23,8 +23,8 @@ TRAINED_S = 14 * DAY_S
 JUDGED_S = 3 * DAY_S
 """At least so much is posted after the first update, so that it is judged by the first model."""
 LEAD_S = 3600.0
-TRAINING_ROUNDS = 48
-JUDGED_ROUNDS = 12
+HISTORY_ROUNDS = 48
+RECENT_ROUNDS = 12
 """Rounds of the robot in one post, before and after the first update."""
 
 
@@ -40,12 +40,14 @@ def seed(client: Client, now: float | None = None, progress: Progress | None = N
     known = prepare(client)
     start, judged = phases(now, known[BUILDING].first_time)
     robot, posting = Robot(World(SEED, planted(start, now))), Posting(client, known)
-    if not all(location.revision for location in known.values()):
-        _post(posting, robot, rounds(max(start, posting.since()), judged), TRAINING_ROUNDS, progress, "History")
+    history = rounds(max(start, posting.since()), judged)
+    if len(history):
+        _post_history(posting, robot, history, progress)
         _update(client, progress, "First models")
-    recent = rounds(max(now - HISTORY_S, posting.since()), now)
-    _post(posting, robot, recent, JUDGED_ROUNDS, progress, "Last days")
+    begin_events(client)
+    recent = rounds(max(judged, posting.since()), now)
     if len(recent):
+        _post_recent(posting, robot, recent, progress)
         _update(client, progress, "Models")
     return posting.posted
 
@@ -66,17 +68,22 @@ def rounds(after: float, until: float) -> NDArray[np.float64]:
     return np.arange(after // INTERVAL_S + 1, until // INTERVAL_S + 1) * INTERVAL_S
 
 
-def _post(
-    posting: Posting,
-    robot: Robot,
-    times: NDArray[np.float64],
-    at_once: int,
-    progress: Progress,
-    what: str,
-) -> None:
-    with progress.task(what, len(times)) as step:
-        for some in chunks(times.tolist(), at_once):
-            posting.post(look for look in map(robot.look, some) if look is not None)
+def _post_history(posting: Posting, robot: Robot, times: NDArray[np.float64], progress: Progress) -> None:
+    """The places come last and at once, so that no model of a part of their history judges the rest."""
+    seen: list[tuple[float, dict[str, bool]]] = []
+    with progress.task("History", len(times)) as step:
+        for some in chunks(times.tolist(), HISTORY_ROUNDS):
+            looks = robot.looks(some)
+            posting.post_building(looks)
+            seen += [(look.time, look.places) for look in looks]
+            step(len(some))
+        posting.post_places(*zip(*seen, strict=True))
+
+
+def _post_recent(posting: Posting, robot: Robot, times: NDArray[np.float64], progress: Progress) -> None:
+    with progress.task("Last days", len(times)) as step:
+        for some in chunks(times.tolist(), RECENT_ROUNDS):
+            posting.post(robot.looks(some))
             step(len(some))
 
 

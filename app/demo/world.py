@@ -58,7 +58,7 @@ class World:
     def _office_door_open(self, time: float, now: Moment) -> bool:
         """Whoever of the team comes first opens it, who leaves last closes it."""
         start, stop = hours(OFFICE_TEAM, now.weekday, now.day, self.seed, _OFFICE)
-        return start <= now.hour < stop or within(time, self.story.door_open)
+        return start <= now.hour < stop or self.story.door_left_open(time)
 
     def _taken(self, time: float, now: Moment) -> frozenset[Seat]:
         """The seats on which somebody sits."""

@@ -45,23 +45,27 @@ def time_of(value: object, field: str) -> float:
 def integers_of(values: list[object], field: str, message: str) -> NDArray[np.int64]:
     """Whole numbers of a list. Raises InvalidInputError naming the first that is none."""
     array = numbers(values)
-    if array is not None and array.dtype.kind in "iub":
+    if array is not None and array.dtype.kind in "iu":
         return array.astype(np.int64)
-    for i, value in enumerate(values):
-        if not isinstance(value, int) or not -(2**62) < value < 2**62:
-            raise InvalidInputError.at(f"{field}[{i}]", message)
-    return np.array(values, np.int64)
+    return np.array([whole(value, f"{field}[{i}]", message) for i, value in enumerate(values)], np.int64)
+
+
+def whole(value: object, field: str, message: str) -> int:
+    """The value, if it is a whole number. Raises InvalidInputError naming the field."""
+    if isinstance(value, bool) or not isinstance(value, int) or not -(2**62) < value < 2**62:
+        raise InvalidInputError.at(field, message)
+    return value
 
 
 def numbers(values: list[object]) -> NDArray[np.generic] | None:
-    """The list as a one-dimensional array of one numeric kind, None where it is no such."""
-    try:
-        array = np.asarray(values)
-    except (ValueError, OverflowError):
+    """The list as a one-dimensional array of one numeric kind, None where it is no such.
+
+    Only numbers go to numpy, which would give every row the length of the longest text.
+    """
+    if not set(map(type, values)) <= {int, float}:
         return None
-    if not len(values):
-        return np.empty(0, np.int64)
-    return array if array.ndim == 1 and array.dtype.kind in "iufb" else None
+    array = np.asarray(values) if values else np.empty(0, np.int64)
+    return array if array.dtype.kind in "iuf" else None
 
 
 def narrow_states(states: NDArray[np.int64]) -> NDArray[np.uint8]:

@@ -8,7 +8,7 @@ import orjson
 from numpy.typing import NDArray
 
 from app.errors import FieldError, InvalidInputError, UnreadableBodyError
-from app.ingest.columns import Columns, integers_of, narrow_states, time_of, times_of
+from app.ingest.columns import Columns, integers_of, narrow_states, time_of, times_of, whole
 from app.space.grid import Grid
 
 CELL_MESSAGE = "a cell is its linear index or [i,j,k]"
@@ -39,7 +39,8 @@ def _refuse_nonfinite(content: bytes) -> None:
         return
     place = _find_nonfinite(document, "body")
     if place is not None:
-        raise InvalidInputError.at(place.removeprefix("body."), "NaN and infinity are no values here; send a number")
+        printable = place.removeprefix("body.").encode(errors="replace").decode()
+        raise InvalidInputError.at(printable, "NaN and infinity are no values here; send a number")
 
 
 class _NonFinite(str):
@@ -128,9 +129,23 @@ def _assemble(times: list[float], parts: list[NDArray[np.int64]], labels: list[t
 
 
 def _cells(values: list[object], field: str, grid: Grid) -> NDArray[np.int64]:
-    """Linear cells; [i,j,k] outside of the grid become -1."""
-    if not any(isinstance(value, list) for value in values[:1]):
+    """Linear cells; [i,j,k] outside of the grid become -1. Both forms may stand in one list."""
+    kinds = set(map(type, values))
+    if list not in kinds:
         return integers_of(values, field, CELL_MESSAGE)
+    if kinds == {list}:
+        return _indices(values, field, grid)
+    parts = [
+        _indices([value], field, grid)
+        if isinstance(value, list)
+        else np.array([whole(value, f"{field}[{i}]", CELL_MESSAGE)])
+        for i, value in enumerate(values)
+    ]
+    return np.concatenate(parts)
+
+
+def _indices(values: list[object], field: str, grid: Grid) -> NDArray[np.int64]:
+    """Linear cells of lists [i,j,k]."""
     axes = len(grid.shape)
     try:
         index = np.array(values, np.int64)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from app.errors import InvalidInputError, UnsupportedMediaTypeError
 from app.ingest import arrow_body, json_body
 from app.ingest.columns import Columns
+from app.schemas.common import FARTHEST_S
 from app.space.grid import Grid
 from app.spectral.measurements import Measurements
 
@@ -69,7 +70,7 @@ def parse(body: Body, target: Target) -> Measurements:
         columns.time_field,
         "this lies too far in the future; check the robot's clock and that times are in seconds",
     )
-    _refuse(columns, np.abs(columns.time) > 1e11, columns.time_field, "this is no Unix time in seconds")
+    _refuse(columns, columns.time < -FARTHEST_S, columns.time_field, "this is no Unix time in seconds")
     _refuse(columns, columns.state > 1, columns.state_field, "a state is 0 (free) or 1 (occupied)")
     outside = (columns.cell < 0) | (columns.cell >= target.grid.n_cells)
     _refuse(columns, outside, columns.cell_field, f"cells are 0 to {target.grid.n_cells - 1} here")

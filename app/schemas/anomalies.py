@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from app.schemas.common import Answer, Form, TimeIn, TimeOut
+from app.schemas.common import Answer, Form, Text, TimeIn, TimeOut
 from app.schemas.locations import Confidence, EstimatorName
 
 Rule = Literal["surprise", "paper"]
@@ -49,7 +49,7 @@ class DetectForm(Form):
 class AcknowledgeForm(Form):
     """An operator has seen an event."""
 
-    note: str | None = Field(None, max_length=2000)
+    note: Text | None = Field(None, max_length=2000)
 
 
 class Events(Answer):

@@ -5,6 +5,7 @@ from datetime import UTC, datetime
 from typing import Annotated, Generic, TypeVar
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -13,12 +14,14 @@ from pydantic import (
 )
 
 NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,127}$"
+FARTHEST_S = 6e10
+"""Times lie within this many seconds of 1970, years 68 to 3871: every one of them can be written as ISO 8601."""
 
 
 def parse_time(value: object) -> float:
     """Unix seconds of a number or an ISO 8601 string with a zone.
 
-    Raises ValueError for a naive time, NaN, infinity, a boolean or anything else.
+    Raises ValueError for a naive time, NaN, infinity, a boolean, a time far from ours or anything else.
 
     >>> parse_time("1970-01-01T01:00:00+01:00"), parse_time(60)
     (0.0, 60.0)
@@ -26,9 +29,12 @@ def parse_time(value: object) -> float:
     if isinstance(value, str):
         return _parse_iso(value)
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError("give Unix seconds (a number) or an ISO 8601 time with a zone, such as 2026-03-01T09:00:00Z")
-    if not math.isfinite(value):
+        # ValueError, not TypeError: that is what pydantic turns into a field's error.
+        raise ValueError("give Unix seconds (a number) or an ISO 8601 time with a zone, such as 2026-03-01T09:00:00Z")  # noqa: TRY004
+    if value != value or value in (math.inf, -math.inf):
         raise ValueError("NaN and infinity are no times; give finite Unix seconds")
+    if not -FARTHEST_S <= value <= FARTHEST_S:
+        raise ValueError("this is no Unix time in seconds; check the unit")
     return float(value)
 
 
@@ -43,7 +49,7 @@ def _parse_iso(text: str) -> float:
         return parse_time(seconds)
     if moment.tzinfo is None:
         raise ValueError(f"{text!r} has no time zone; append Z or an offset such as +01:00")
-    return moment.timestamp()
+    return parse_time(moment.timestamp())
 
 
 def iso(time_s: float) -> str:
@@ -72,6 +78,20 @@ TimeOut = Annotated[
     PlainSerializer(iso, return_type=str),
     WithJsonSchema({"type": "string", "format": "date-time", "examples": ["2026-03-01T09:00:00Z"]}),
 ]
+
+
+def storable(text: str) -> str:
+    """The text itself. Raises ValueError for the one character that databases do not take.
+
+    >>> storable("Flur 3")
+    'Flur 3'
+    """
+    if "\0" in text:
+        raise ValueError("it has a NUL character, which cannot be stored; leave it out")
+    return text
+
+
+Text = Annotated[str, AfterValidator(storable)]
 
 
 class Form(BaseModel):

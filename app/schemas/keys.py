@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from app.schemas.common import Answer, Form, TimeOut
+from app.schemas.common import Answer, Form, Text, TimeOut
 
 Role = Literal["robot", "operator", "admin"]
 
@@ -12,7 +12,7 @@ Role = Literal["robot", "operator", "admin"]
 class KeyForm(Form):
     """A new key."""
 
-    name: str = Field(min_length=1, max_length=128)
+    name: Text = Field(min_length=1, max_length=128)
     role: Role
 
 

@@ -6,7 +6,7 @@ from zoneinfo import ZoneInfo
 
 from pydantic import AfterValidator, Field, model_validator
 
-from app.schemas.common import NAME_PATTERN, Answer, Form, TimeIn, TimeOut
+from app.schemas.common import FARTHEST_S, NAME_PATTERN, Answer, Form, Text, TimeIn, TimeOut
 
 Kind = Literal["state", "grid2d", "grid3d"]
 EstimatorName = Literal["fft", "static"]
@@ -15,6 +15,7 @@ Order = Annotated[int, Field(ge=1, le=64)]
 OrderChoice = Order | Literal["auto"]
 Confidence = Annotated[float, Field(ge=0.5, lt=1)]
 Missing = Literal["mask", "hold"]
+Seconds = Annotated[float, Field(gt=0, le=FARTHEST_S)]
 
 
 def _known_zone(name: str) -> str:
@@ -31,7 +32,7 @@ TimeZone = Annotated[str, AfterValidator(_known_zone), Field(examples=["Europe/L
 class Grid(Form):
     """A regular grid: `origin` is the corner of cell [0,0,0] in `frame`, in metres."""
 
-    frame: str = Field("map", min_length=1, max_length=128)
+    frame: Text = Field("map", min_length=1, max_length=128)
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     resolution_m: float = Field(gt=0, le=1000)
     shape: list[Annotated[int, Field(ge=1, le=65536)]] = Field(min_length=2, max_length=3)
@@ -47,7 +48,7 @@ class LocationForm(Form):
 
     name: str = Field(pattern=NAME_PATTERN, examples=["office-door"])
     kind: Kind = "state"
-    interval_s: float = Field(gt=0, le=31 * 86400, description="Length of a sample in seconds.", examples=[60])
+    interval_s: float = Field(ge=0.001, le=31 * 86400, description="Length of a sample in seconds.", examples=[60])
     time_zone: TimeZone = "UTC"
     epoch: TimeIn = Field(0.0, description="Start of sample 0.")
     grid: Grid | None = None
@@ -55,8 +56,8 @@ class LocationForm(Form):
     order: OrderChoice = "auto"
     confidence: Confidence = 0.9
     missing: Missing = "mask"
-    hold_s: float | None = Field(None, gt=0, description="How long a state stands at most, for `hold`.")
-    retention: float | None = Field(None, gt=0, description="Forget history older than this many seconds.")
+    hold_s: Seconds | None = Field(None, description="How long a state stands at most, for `hold`.")
+    retention: Seconds | None = Field(None, description="Forget history older than this many seconds.")
     min_cells: int = Field(1, ge=1, description="Events of fewer neighbouring cells are not reported.")
 
     @model_validator(mode="after")
@@ -88,8 +89,8 @@ class LocationPatch(Form):
     order: OrderChoice | None = None
     confidence: Confidence | None = None
     missing: Missing | None = None
-    hold_s: float | None = Field(None, gt=0)
-    retention: float | None = Field(None, gt=0)
+    hold_s: Seconds | None = None
+    retention: Seconds | None = None
     min_cells: int | None = Field(None, ge=1)
 
 

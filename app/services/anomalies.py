@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.errors import InvalidInputError
+from app.errors import InvalidInputError, refuse_reversed
 from app.schemas.anomalies import Event
 from app.services.context import Context
 from app.services.history import read_history, window
@@ -126,8 +126,7 @@ def detect(ctx: Context, name: str, query: DetectQuery) -> tuple[list[Event], in
 
     Raises LocationNotFoundError, NoModelError, InvalidInputError.
     """
-    if query.stop < query.start:
-        raise InvalidInputError.at("stop", "it lies before start; swap them")
+    refuse_reversed(query.start, query.stop)
     model = fitted(ctx, name, query.estimator, query.order)
     place = model.place
     confidence = place.confidence if query.confidence is None else query.confidence
@@ -184,7 +183,8 @@ class EventQuery:
 
 
 def list_events(ctx: Context, query: EventQuery) -> list[Event]:
-    """Stored events, oldest first. Raises LocationNotFoundError."""
+    """Stored events, oldest first. Raises LocationNotFoundError, InvalidInputError."""
+    refuse_reversed(query.start, query.stop)
     with ctx.store.read() as work:
         place = work.locations.get(query.location) if query.location is not None else None
         wanted = EventFilter(

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from app.errors import InvalidInputError
+from app.errors import InvalidInputError, refuse_reversed
 from app.schemas.maps import Best, EvaluateForm, Evaluation, EvaluationRow, ReliabilityRow
 from app.services.context import Context
 from app.services.history import read_history, window
@@ -40,8 +40,9 @@ def evaluate(ctx: Context, name: str, form: EvaluateForm) -> Evaluation:
 
     Raises LocationNotFoundError, NoModelError, InvalidInputError.
     """
+    refuse_reversed(form.start, form.stop)
     place, revision = current_revision(ctx, name)
-    train = _training(place, revision, form)
+    train = _training(ctx, place, revision, form)
     candidates = _candidates(form)
     pooled: dict[Candidate, list[NDArray[np.float32]]] = {candidate: [] for candidate in candidates}
     states: list[NDArray[np.uint8]] = []
@@ -67,9 +68,10 @@ def _candidates(form: EvaluateForm) -> list[Candidate]:
     return [(name, order) for name in names for order in ((0,) if name == "static" else orders)]
 
 
-def _training(place: LocationRecord, revision: RevisionRecord, form: EvaluateForm) -> RevisionRecord:
-    start = revision.start if form.train_start is None else int(place.base.sample(form.train_start))
-    stop = revision.stop if form.train_stop is None else int(place.base.sample(form.train_stop))
+def _training(ctx: Context, place: LocationRecord, revision: RevisionRecord, form: EvaluateForm) -> RevisionRecord:
+    first, last = window(ctx, place)
+    start = revision.start if form.train_start is None else max(first, int(place.base.sample(form.train_start)))
+    stop = revision.stop if form.train_stop is None else min(last, int(place.base.sample(form.train_stop)))
     if stop <= start:
         raise InvalidInputError.at("train_stop", "the training window is empty; widen it")
     return replace(revision, start=start, stop=stop)

@@ -5,7 +5,7 @@ import logging
 from collections.abc import Callable
 from dataclasses import asdict
 
-from app.errors import JobFinishedError, JobNotFoundError, TidemapError
+from app.errors import JobFinishedError, JobNotFoundError, TidemapError, refuse_reversed
 from app.events.messages import Message
 from app.schemas.jobs import Job
 from app.services.context import Context
@@ -17,7 +17,8 @@ PROGRESS_STEP = 0.02
 
 
 def request_update(ctx: Context, name: str, request: UpdateRequest) -> Job:
-    """Queue an update. Raises LocationNotFoundError."""
+    """Queue an update. Raises LocationNotFoundError, InvalidInputError."""
+    refuse_reversed(request.start, request.stop)
     record = ctx.store.write(
         lambda work: work.jobs.create(work.locations.get(name).id, "update", asdict(request), ctx.clock())
     )

@@ -47,7 +47,9 @@ def delete_key(ctx: Context, key_id: int) -> None:
 
 
 def is_open(ctx: Context) -> bool:
-    """Whether no key exists, so that whoever reaches the server may do everything."""
+    """Whether whoever reaches the server may do everything: no key exists, and none is needed to listen here."""
+    if not ctx.settings.keyless:
+        return False
     with ctx.store.read() as work:
         return work.keys.count() == 0
 

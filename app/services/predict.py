@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.errors import CellNotFoundError, InvalidInputError
+from app.errors import CellNotFoundError, InvalidInputError, refuse_reversed
 from app.services.context import Context
 from app.services.history import read_cell, read_known, window
 from app.services.spectra import Fitted, fitted
@@ -34,6 +34,7 @@ class StateView:
     observed_time: start of that sample, NaN where never before. Both None unless asked for.
     """
 
+    location_id: int
     time: float
     confidence: float
     estimator: str
@@ -65,6 +66,7 @@ def state_at(ctx: Context, name: str, query: StateQuery) -> StateView:
     confidence = place.confidence if query.confidence is None else query.confidence
     seen, seen_time = _last_seen(ctx, place, query.time, cell) if query.observed else (None, None)
     return StateView(
+        location_id=place.id,
         time=query.time,
         confidence=confidence,
         estimator=model.revision.estimator,
@@ -216,15 +218,11 @@ def series(
 def _times(ctx: Context, start: float, stop: float, step: float) -> NDArray[np.float64]:
     if not step > 0:
         raise InvalidInputError.at("step", "give a positive number of seconds")
-    if stop < start:
-        raise InvalidInputError.at("stop", "it lies before start; swap them")
-    count = int(np.ceil((stop - start) / step))
-    if count > ctx.settings.max_points:
-        raise InvalidInputError.at(
-            "step",
-            f"{count} times are more than {ctx.settings.max_points}; use a longer step or a shorter range",
-        )
-    return np.asarray(start + step * np.arange(count), np.float64)
+    refuse_reversed(start, stop)
+    most = ctx.settings.max_points
+    if stop - start > most * step:
+        raise InvalidInputError.at("step", f"these are more than {most} times; use a longer step or a shorter range")
+    return np.asarray(start + step * np.arange(int(np.ceil((stop - start) / step))), np.float64)
 
 
 def _observed_at(ctx: Context, place: LocationRecord, cell: int, time: NDArray[np.float64]) -> NDArray[np.uint8]:

@@ -153,9 +153,7 @@ class History:
         """The states of one cell over [start, stop), (stop - start,) uint8."""
         if not 0 <= cell < self.n_cells:
             raise IndexError(f"cell {cell} of {self.n_cells}")
-        one = History(
-            self.start, self.n_samples, self.observed[cell : cell + 1], self.occupied[cell : cell + 1]
-        )
+        one = History(self.start, self.n_samples, self.observed[cell : cell + 1], self.occupied[cell : cell + 1])
         return np.asarray(one.window(start, stop).states()[0], np.uint8)
 
     def ever_observed(self) -> NDArray[np.bool_]:

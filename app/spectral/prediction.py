@@ -18,9 +18,7 @@ TABLE_SIZE = 1 << 20
 """Entries of a table of phasors that are held at a time."""
 
 
-def predict(
-    spectrum: Spectrum, time: float, cells: ArrayLike | None = None, threads: int = 1
-) -> NDArray[np.float32]:
+def predict(spectrum: Spectrum, time: float, cells: ArrayLike | None = None, threads: int = 1) -> NDArray[np.float32]:
     """p(t) of all or of the given cells at one time (Unix seconds), (n,) float32.
 
     Clipped to [0, 1], NaN where never observed. One phasor per wave in float64, then one gather
@@ -35,9 +33,7 @@ def predict(
     return probability(spectrum, out)
 
 
-def _add_waves(
-    spectrum: Spectrum, phasor: NDArray[np.complex64], out: NDArray[np.float32], threads: int
-) -> None:
+def _add_waves(spectrum: Spectrum, phasor: NDArray[np.complex64], out: NDArray[np.float32], threads: int) -> None:
     """Rows are shared out; every cell is written by one thread."""
     step = max(1, -(-spectrum.cell.size // max(1, threads)))
     parts = [slice(first, first + step) for first in range(0, spectrum.cell.size, step)]

@@ -33,9 +33,7 @@ def predicted_words(spectrum: Spectrum, base: TimeBase, start: int, stop: int) -
     return words
 
 
-def _fill_uniform(
-    spectrum: Spectrum, base: TimeBase, first: int, threshold: float, words: NDArray[np.uint64]
-) -> None:
+def _fill_uniform(spectrum: Spectrum, base: TimeBase, first: int, threshold: float, words: NDArray[np.uint64]) -> None:
     """τ advances evenly: two small tables, of the middles of the blocks and of the way from there."""
     away = np.arange(0.5, WORD // 2) * base.interval_s
     turn = np.empty((spectrum.n_waves, away.size), np.complex64)
@@ -50,9 +48,7 @@ def _fill_uniform(
         words[:, block : block + step] = part
 
 
-def _fill(
-    spectrum: Spectrum, base: TimeBase, first: int, threshold: float, words: NDArray[np.uint64]
-) -> None:
+def _fill(spectrum: Spectrum, base: TimeBase, first: int, threshold: float, words: NDArray[np.uint64]) -> None:
     """τ jumps or waves come and go: a phasor for every wave and sample."""
     step = max(1, TABLE_SIZE // (WORD * spectrum.n_waves))
     mean = spectrum.mean[spectrum.cell]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.spectral.history import UNOBSERVED, History
+from app.spectral.history import History
 from app.spectral.jit import kernel
 from app.spectral.measurements import Measurements
 from app.spectral.timebase import TimeBase
@@ -21,7 +21,10 @@ SEGMENT_SAMPLES = 4096
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Segment:
-    """`history` (n_cells, n_samples); `time` (n_times,) ascending float64; `rank` (n_cells, n_samples) uint16 or None."""
+    """`history` (n_cells, n_samples); `time` (n_times,) float64 ascending; `rank` (n_cells, n_samples) uint16 or None.
+
+    Canonical: the same standing measurements are the same segment, to the last bit.
+    """
 
     history: History
     time: NDArray[np.float64]
@@ -34,10 +37,10 @@ class Segment:
 
 
 def merge(segment: Segment, measurements: Measurements, base: TimeBase) -> Segment:
-    """The segment with the measurements in it; neither their order nor earlier merges matter.
+    """The segment with the measurements in it; neither their order nor earlier merges matter, to the last bit.
 
     `measurements.cell` counts from the chunk's first cell and all samples lie in the segment (ValueError).
-    O(measurements + n_cells x n_samples / 4).
+    O(measurements), and where a sample holds several times + n_cells x n_samples.
     """
     start, n_samples = segment.history.start, segment.history.n_samples
     sample = base.sample(measurements.time) - start
@@ -46,100 +49,130 @@ def merge(segment: Segment, measurements: Measurements, base: TimeBase) -> Segme
     heads = np.flatnonzero(np.diff(measurements.time, prepend=np.nan) != 0)
     table = np.union1d(segment.time, measurements.time[heads])
     first = np.searchsorted(base.sample(table) - start, np.arange(n_samples + 1))
-    entry = np.searchsorted(table, measurements.time[heads]) - first[sample[heads]]
-    rank = _ranks(segment, table, first, base)
     history = segment.history
     observed, occupied = history.observed.copy(), history.occupied.copy()
-    replaced = _put(
-        observed,
-        occupied,
-        np.zeros((1, 1), np.uint16) if rank is None else rank,
-        rank is not None,
-        measurements.cell.astype(np.int64),
-        sample,
-        np.repeat(entry, np.diff(heads, append=len(sample))).astype(np.uint16),
-        measurements.state,
-    )
-    merged = Segment(History(start, n_samples, observed, occupied), table, rank)
-    return _prune(merged, first) if replaced and rank is not None else merged
+    cell = measurements.cell.astype(np.int64)
+    if np.diff(first).max(initial=0) <= 1:
+        _put(observed, occupied, cell, sample, measurements.state)
+        return Segment(History(start, n_samples, observed, occupied), table, None)
+    entry = np.searchsorted(table, measurements.time[heads]) - first[sample[heads]]
+    entry = np.repeat(entry, np.diff(heads, append=len(sample))).astype(np.int32)
+    rank = _ranks(segment, table, first, base)
+    _put_ranked(observed, occupied, rank, cell, sample, entry, measurements.state)
+    return _canonical(History(start, n_samples, observed, occupied), table, rank, first)
 
 
 def forget(segment: Segment, before: int, base: TimeBase) -> Segment:
     """The segment without what was measured before sample `before`."""
-    history = segment.history
-    kept = history.window(max(before, history.start), history.stop).window(history.start, history.stop)
-    return Segment(kept, segment.time[base.sample(segment.time) >= before], segment.rank)
+    history, rank = segment.history, segment.rank
+    border = min(max(before, history.start), history.stop)
+    kept = history.window(border, history.stop).window(history.start, history.stop)
+    if rank is not None:
+        rank = rank.copy()
+        rank[:, : border - history.start] = 0
+    time = segment.time[base.sample(segment.time) >= before]
+    return Segment(kept, time, rank if rank is not None and rank.any() else None)
 
 
-def _ranks(
-    segment: Segment, table: NDArray[np.float64], first: NDArray[np.int64], base: TimeBase
-) -> NDArray[np.uint16] | None:
-    """The segment's ranks in a larger table of times, None when no sample has two."""
-    largest = int(np.diff(first).max(initial=0))
-    if largest <= 1:
-        return None
-    if largest > np.iinfo(np.uint16).max:
-        raise ValueError(
-            "more than 65,535 observation times stand in one sample; choose a shorter interval_s"
-        )
-    n_cells, n_samples = segment.history.n_cells, segment.history.n_samples
+def _ranks(segment: Segment, table: NDArray[np.float64], first: NDArray[np.int64], base: TimeBase) -> NDArray[np.int32]:
+    """(n_cells, n_samples): the segment's ranks in a larger table of times, -1 where nothing was observed."""
+    n_samples = segment.history.n_samples
     old = base.sample(segment.time) - segment.history.start
-    new_rank = (np.searchsorted(table, segment.time) - first[old]).astype(np.uint16)
-    old_first = np.searchsorted(old, np.arange(n_samples))
-    if segment.rank is None:
-        column = np.zeros(n_samples, np.uint16)
-        column[old] = new_rank
-        return np.repeat(column[None, :], n_cells, axis=0)
-    padded = np.append(new_rank, np.uint16(0))
-    position = np.minimum(old_first[None, :] + segment.rank, len(new_rank))
-    return np.ascontiguousarray(padded[position])
+    renumbered = np.searchsorted(table, segment.time) - first[old]
+    rank = np.full((segment.history.n_cells, n_samples), -1, np.int32)
+    before = np.zeros((1, 1), np.uint16) if segment.rank is None else segment.rank
+    at = np.searchsorted(old, np.arange(n_samples))
+    _renumber(segment.history.observed, before, segment.rank is not None, at, renumbered, rank)
+    return rank
 
 
-def _prune(segment: Segment, first: NDArray[np.int64]) -> Segment:
-    """Without the times that no measurement stands on any more."""
-    if segment.rank is None:
-        return segment
-    seen = segment.history.states() != UNOBSERVED
-    position = first[:-1][None, :] + segment.rank
-    used = np.bincount(position[seen], minlength=len(segment.time)) > 0
-    if used.all():
-        return segment
+def _canonical(
+    history: History, table: NDArray[np.float64], rank: NDArray[np.int32], first: NDArray[np.int64]
+) -> Segment:
+    """A segment without the times that no measurement stands on, and without ranks where they say nothing."""
+    used = np.zeros(len(table), np.bool_)
+    _mark(rank, first, used)
     kept = np.concatenate([[0], np.cumsum(used)])
     new_first = kept[first]
     if np.diff(new_first).max(initial=0) <= 1:
-        return Segment(segment.history, segment.time[used], None)
-    rank = np.where(seen, kept[np.minimum(position, len(used))] - new_first[:-1][None, :], 0)
-    return Segment(segment.history, segment.time[used], rank.astype(np.uint16))
+        return Segment(history, table[used], None)
+    narrow = np.zeros(rank.shape, np.uint16)
+    _narrow(rank, first, kept, narrow)
+    return Segment(history, table[used], narrow)
 
 
 @kernel
 def _put(
     observed: NDArray[np.uint8],
     occupied: NDArray[np.uint8],
-    rank: NDArray[np.uint16],
-    ranked: bool,
     cell: NDArray[np.int64],
     sample: NDArray[np.int64],
-    entry: NDArray[np.uint16],
     state: NDArray[np.uint8],
-) -> int:
-    """Write the measurements that stand; returns how many earlier ones they replaced."""
-    replaced = 0
+) -> None:
+    """Write measurements of which no two have the same sample and different times."""
     for i in range(cell.size):
-        c, n = cell[i], sample[i]
-        byte, bit = n >> 3, np.uint8(1 << (n & 7))
-        if observed[c, byte] & bit:
-            before = rank[c, n] if ranked else entry[i]
-            stands = entry[i] > before or (entry[i] == before and state[i] == 1)
-            if not stands:
-                continue
-            if entry[i] != before:
-                replaced += 1
-        observed[c, byte] |= bit
-        if ranked:
-            rank[c, n] = entry[i]
+        row, byte = cell[i], sample[i] >> 3
+        mask = np.uint8(1) << np.uint8(sample[i] & 7)
+        observed[row, byte] |= mask
         if state[i]:
-            occupied[c, byte] |= bit
+            occupied[row, byte] |= mask
+
+
+@kernel
+def _put_ranked(
+    observed: NDArray[np.uint8],
+    occupied: NDArray[np.uint8],
+    rank: NDArray[np.int32],
+    cell: NDArray[np.int64],
+    sample: NDArray[np.int64],
+    entry: NDArray[np.int32],
+    state: NDArray[np.uint8],
+) -> None:
+    """Write the measurements that stand; `entry` is the rank of each."""
+    for i in range(cell.size):
+        row, n = cell[i], sample[i]
+        if entry[i] < rank[row, n] or (entry[i] == rank[row, n] and not state[i]):
+            continue
+        rank[row, n] = entry[i]
+        mask = np.uint8(1) << np.uint8(n & 7)
+        observed[row, n >> 3] |= mask
+        if state[i]:
+            occupied[row, n >> 3] |= mask
         else:
-            occupied[c, byte] &= ~bit
-    return replaced
+            occupied[row, n >> 3] &= ~mask
+
+
+@kernel
+def _renumber(
+    observed: NDArray[np.uint8],
+    before: NDArray[np.uint16],
+    ranked: bool,
+    at: NDArray[np.int64],
+    renumbered: NDArray[np.int64],
+    rank: NDArray[np.int32],
+) -> None:
+    """In place: the new rank of every measurement; `at` is where the old times of each sample begin."""
+    for row in range(rank.shape[0]):
+        for n in range(rank.shape[1]):
+            if observed[row, n >> 3] >> np.uint8(n & 7) & np.uint8(1):
+                rank[row, n] = renumbered[at[n] + (before[row, n] if ranked else 0)]
+
+
+@kernel
+def _mark(rank: NDArray[np.int32], first: NDArray[np.int64], used: NDArray[np.bool_]) -> None:
+    """In place: which times some measurement stands on."""
+    for row in range(rank.shape[0]):
+        for n in range(rank.shape[1]):
+            if rank[row, n] >= 0:
+                used[first[n] + rank[row, n]] = True
+
+
+@kernel
+def _narrow(
+    rank: NDArray[np.int32], first: NDArray[np.int64], kept: NDArray[np.int64], out: NDArray[np.uint16]
+) -> None:
+    """out: the ranks among the kept times, 0 where nothing was observed; `kept` counts those before each time."""
+    for row in range(rank.shape[0]):
+        for n in range(rank.shape[1]):
+            if rank[row, n] >= 0:
+                out[row, n] = kept[first[n] + rank[row, n]] - kept[first[n]]

@@ -69,9 +69,7 @@ def choose(
     """
     days = math.floor(history.n_samples * base.interval_s / DAY_S + 1e-9)
     if days < MIN_DAYS:
-        return Selection(
-            "static", 0, (), f"less than {MIN_DAYS} days of history: the mean is all it tells", 0
-        )
+        return Selection("static", 0, (), f"less than {MIN_DAYS} days of history: the mean is all it tells", 0)
     recent = history.window(max(history.start, history.stop - MAX_SAMPLES), history.stop)
     changing = _changing(recent, max(1, min(max_cells, MAX_SAMPLES // recent.n_samples)))
     if not changing.size:
@@ -82,9 +80,7 @@ def choose(
     table = _table(recent.cells(changing), base, folds, sorted(set(orders)))
     scored = [row for row in table if row.n]
     if not scored:
-        return Selection(
-            "static", 0, table, "nothing was observed on the days to be predicted", changing.size
-        )
+        return Selection("static", 0, table, "nothing was observed on the days to be predicted", changing.size)
     best = min(scored, key=lambda row: row.log_loss)
     return Selection(best.estimator, best.order, table, _reason(best, len(table), folds, base), changing.size)
 
@@ -141,9 +137,7 @@ def _try(
     greatest = {name: max(order for each, order in candidates if each == name) for name, _ in candidates}
     fitted = {name: fit(past, name, order, base) for name, order in greatest.items()}
     time = base.time(fold.split + ahead)
-    probabilities = (
-        ((name, order), predict_times(truncate(fitted[name], order), time)) for name, order in candidates
-    )
+    probabilities = (((name, order), predict_times(truncate(fitted[name], order), time)) for name, order in candidates)
     return history.window(fold.split, fold.stop).states()[:, ahead], probabilities
 
 
@@ -151,6 +145,4 @@ def _reason(best: Row, n_candidates: int, folds: Sequence[Fold], base: TimeBase)
     days = (folds[0].stop - folds[0].split) * base.interval_s / DAY_S
     name = best.estimator if best.estimator == "static" else f"{best.estimator} of order {best.order}"
     parts = f"{len(folds)} part{'s' * (len(folds) > 1)} of {days:g} day{'s' * (days != 1)}"
-    return (
-        f"{name} predicted the latest {parts} best of {n_candidates} candidates: log loss {best.log_loss:.3f}"
-    )
+    return f"{name} predicted the latest {parts} best of {n_candidates} candidates: log loss {best.log_loss:.3f}"

@@ -207,17 +207,13 @@ def concatenate(spectra: Sequence[Spectrum]) -> Spectrum:
     offset = np.cumsum([0] + [each.n_cells for each in spectra])
     coefficient = np.concatenate([_pad(each.coefficient, order) for each in spectra])
     position = np.split(inverse.astype(index_type(waves.size)), np.cumsum([each.n_waves for each in spectra]))
-    index = np.concatenate(
-        [_pad(at[each.index], order) for each, at in zip(spectra, position[:-1], strict=True)]
-    )
+    index = np.concatenate([_pad(at[each.index], order) for each, at in zip(spectra, position[:-1], strict=True)])
     return replace(
         first,
         frequency_hz=np.ascontiguousarray(waves["frequency_hz"]),
         gate=np.ascontiguousarray(waves["gate"]),
         mean=np.concatenate([each.mean for each in spectra]),
-        cell=np.concatenate(
-            [each.cell + np.int32(start) for each, start in zip(spectra, offset[:-1], strict=True)]
-        ),
+        cell=np.concatenate([each.cell + np.int32(start) for each, start in zip(spectra, offset[:-1], strict=True)]),
         index=np.where(coefficient == 0, index.dtype.type(0), index),
         coefficient=coefficient,
     )
@@ -225,9 +221,7 @@ def concatenate(spectra: Sequence[Spectrum]) -> Spectrum:
 
 def _unite(spectra: Sequence[Spectrum]) -> tuple[NDArray[np.void], NDArray[np.int64]]:
     """The sorted union of the wave tables and where each wave of each table went."""
-    every = np.empty(
-        sum(each.n_waves for each in spectra), [("gate", np.uint8), ("frequency_hz", np.float64)]
-    )
+    every = np.empty(sum(each.n_waves for each in spectra), [("gate", np.uint8), ("frequency_hz", np.float64)])
     every["frequency_hz"] = np.concatenate([each.frequency_hz for each in spectra])
     every["gate"] = np.concatenate([each.gate for each in spectra])
     waves, inverse = np.unique(every, return_inverse=True)

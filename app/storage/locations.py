@@ -6,6 +6,7 @@ from typing import Any
 from sqlalchemy import Connection, delete, func, insert, select, update
 
 from app.errors import LocationExistsError, LocationNotFoundError
+from app.storage.counters import take
 from app.storage.records import LocationRecord
 from app.storage.tables import anomaly, location
 
@@ -18,7 +19,8 @@ class Locations:
 
     def get(self, name: str) -> LocationRecord:
         """Raises LocationNotFoundError."""
-        row = self._connection.execute(select(location).where(location.c.name == name)).mappings().first()
+        query = select(location).where(location.c.name == name)
+        row = None if "\0" in name else self._connection.execute(query).mappings().first()
         if row is None:
             raise LocationNotFoundError(name)
         return LocationRecord.of(row)
@@ -47,7 +49,7 @@ class Locations:
     def create(self, values: Mapping[str, Any]) -> LocationRecord:
         """Raises LocationExistsError."""
         self._refuse_taken(values["name"])
-        self._connection.execute(insert(location).values(**values))
+        self._connection.execute(insert(location).values(id=self._next_id(), **values))
         return self.get(values["name"])
 
     def change(self, name: str, values: Mapping[str, Any]) -> LocationRecord:
@@ -63,6 +65,11 @@ class Locations:
     def delete(self, name: str) -> None:
         """With everything that belongs to it. Raises LocationNotFoundError."""
         self._connection.execute(delete(location).where(location.c.id == self.get(name).id))
+
+    def _next_id(self) -> int:
+        """One that no location ever had: SQLite by itself gives that of a deleted one again, and caches go by it."""
+        greatest = self._connection.execute(select(func.max(location.c.id))).scalar() or 0
+        return max(take(self._connection, "location"), int(greatest) + 1)
 
     def _refuse_taken(self, name: str) -> None:
         if self._connection.execute(select(location.c.id).where(location.c.name == name)).first():

@@ -4,12 +4,13 @@ import logging
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
+from functools import partial
 from queue import Empty, Full, Queue
 from threading import Lock, Thread
 from typing import Any, Generic, TypeVar
 
 from sqlalchemy import Connection, Engine
-from sqlalchemy.exc import DBAPIError, SQLAlchemyError
+from sqlalchemy.exc import DBAPIError
 
 from app.errors import QueueFullError, ShuttingDownError, StorageUnavailableError
 from app.storage.work import Work
@@ -71,11 +72,12 @@ class Writer:
                 self._commit(group)
 
     def _next_group(self) -> tuple[list[_Write[Any]], bool]:
-        """The writes that wait, at least one, and whether there may be more."""
+        """The writes that wait, and whether there may be more."""
         item = self._queue.get()
         group: list[_Write[Any]] = []
         while item is not None:
-            group.append(item)
+            if item.future.set_running_or_notify_cancel():
+                group.append(item)
             if len(group) == self._batch:
                 return group, True
             try:
@@ -85,38 +87,41 @@ class Writer:
         return group, False
 
     def _commit(self, group: list[_Write[Any]]) -> None:
-        done: list[tuple[Future[Any], Any]] = []
-        failed: list[tuple[Future[Any], BaseException]] = []
+        """Settle every future, whatever happens: nobody waits for ever, and this thread goes on."""
         try:
             with self._engine.begin() as connection:
-                for write in group:
-                    self._run(connection, write, done, failed)
-        except SQLAlchemyError as error:
-            log.error("a group of %d writes was not stored: %s", len(group), error)
-            unavailable = StorageUnavailableError()
-            failed = [(write.future, unavailable) for write in group]
-            done = []
-        for future, result in done:
-            future.set_result(result)
-        for future, reason in failed:
-            future.set_exception(reason)
+                settle = [_run(connection, write) for write in group]
+        except BaseException as error:
+            _log(f"a group of {len(group)} writes was not stored", error)
+            settle = [partial(write.future.set_exception, StorageUnavailableError()) for write in group]
+        for each in settle:
+            each()
 
-    def _run(
-        self,
-        connection: Connection,
-        write: _Write[Any],
-        done: list[tuple[Future[Any], Any]],
-        failed: list[tuple[Future[Any], BaseException]],
-    ) -> None:
-        try:
-            with connection.begin_nested():
-                result = write.run(Work.on(connection))
-        except DBAPIError as error:
-            if error.connection_invalidated or not connection.in_transaction():
-                raise
-            log.exception("a write was refused by the database")
-            failed.append((write.future, StorageUnavailableError()))
-        except Exception as error:
-            failed.append((write.future, error))
-        else:
-            done.append((write.future, result))
+
+def _run(connection: Connection, write: _Write[Any]) -> Callable[[], None]:
+    """Run a write in a savepoint; returns what settles its future once the group is durable.
+
+    Raises where the transaction has ended under it, as it does when the connection is lost and, in SQLite, when the
+    disk is full: then none of the group is stored.
+    """
+    savepoint = connection.begin_nested()
+    try:
+        result = write.run(Work.on(connection))
+        savepoint.commit()
+    except BaseException as error:
+        if isinstance(error, DBAPIError) and error.connection_invalidated:
+            raise
+        if isinstance(error, DBAPIError):
+            _log("a write was refused by the database", error)
+            error = StorageUnavailableError()
+        savepoint.rollback()
+        return partial(write.future.set_exception, error)
+    return partial(write.future.set_result, result)
+
+
+def _log(what: str, error: BaseException) -> None:
+    """One line for what the database says, with the trace for anything else."""
+    if isinstance(error, DBAPIError):
+        log.error("%s: %s", what, error.orig)
+    else:
+        log.error(what, exc_info=error)

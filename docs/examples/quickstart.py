@@ -1,4 +1,4 @@
-"""Four weeks of an office door, then two questions. Start a server first: `make run`."""
+"""Four weeks of a front door, then two questions. Start a server first: `make run`."""
 
 # [quickstart]
 from datetime import UTC, datetime, timedelta
@@ -19,7 +19,7 @@ def is_open(time: datetime) -> bool:
 times = [start.astimezone(UTC) + n * timedelta(minutes=10) for n in range(4 * 7 * 144)]
 
 with Client("http://127.0.0.1:8000") as tidemap:
-    door = tidemap.create_location("office-door", interval_s=600, time_zone="Europe/London")
+    door = tidemap.create_location("front-door", interval_s=600, time_zone="Europe/London")
     door.observe(time=times, state=[is_open(time) for time in times])
     door.update(wait=True)
 

@@ -27,7 +27,7 @@ def test_the_quickstart_predicts_and_notices(shared_server: ServerProcess, tmp_p
     by_day, by_night = (float(number) for number in re.findall(r"[\d.]+", probabilities))
     assert by_day > 0.9
     assert by_night < 0.1
-    assert anomalies.count("location='office-door'") == 1
+    assert anomalies.count("location='front-door'") == 1
 
 
 @pytest.mark.skipif(shutil.which("curl") is None, reason="no curl on this machine")

@@ -42,9 +42,7 @@ def test_reconstruction_is_lossless_and_the_order_can_change(
 def test_any_part_reconstructs_as_the_whole_does(history: History, order: int, first: int, n: int) -> None:
     model = update(history, "fft", order, BASE)
     start = history.start + first
-    np.testing.assert_array_equal(
-        reconstruct(model, start, start + n), history.window(start, start + n).states()
-    )
+    np.testing.assert_array_equal(reconstruct(model, start, start + n), history.window(start, start + n).states())
 
 
 @quick

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from app.schemas.locations import Location
 from web.viewer import report
 from web.viewer.cells import Cloud, Picture, index_of, picture
-from web.viewer.layout import Layout, Vector, arrange
+from web.viewer.layout import Layout, arrange
 from web.viewer.messages import Aim, Message, Select, Wish
-from web.viewer.picking import first_hit, rows_by_index
-from web.viewer.scene import Scene
+from web.viewer.picking import Ray, first_hit
+from web.viewer.scene import CELL_HALF, Scene
 from web.viewer.source import Question, Source, State
 
 ACKNOWLEDGE_S = 15.0
@@ -94,13 +94,13 @@ class Painter:
         """Draw everything anew the next time."""
         self._built = None
 
-    def pick(self, origin: tuple[float, float, float], direction: tuple[float, float, float]) -> int | None:
-        """The linear index of the first cell along a ray in metres of the scene; asked from other threads."""
+    def pick(self, ray: Ray) -> int | None:
+        """The linear index of the first cell under a ray; asked from other threads."""
         shown = self.shown
         if shown is None:
             return None
         clouds = ((shown.picture.predicted, np.zeros(3)), (shown.picture.observed, shown.layout.shift))
-        hits = [_hit(shown, cloud, np.asarray(origin) - shift, np.asarray(direction)) for cloud, shift in clouds]
+        hits = [_hit(shown, cloud, ray.moved(shift)) for cloud, shift in clouds]
         return min((hit for hit in hits if hit is not None), default=(0.0, None))[1]
 
     def _tell_grids(self) -> None:
@@ -154,13 +154,7 @@ def _index(shown: Shown, cell: int | None) -> NDArray[np.int32] | None:
     return index
 
 
-def _hit(shown: Shown, cloud: Cloud, origin: Vector, direction: Vector) -> tuple[float, int] | None:
-    """Distance in steps and linear index of the first cell of a cloud along a ray."""
-    size = (*shown.state.shape, 1, 1)[:3]
-    start = (origin - shown.layout.origin) / shown.layout.resolution_m
-    drawn = rows_by_index(cloud.index)
-    hit = first_hit(start, direction, drawn, (size[0], size[1], size[2]))
-    if hit is None:
-        return None
-    distance = float(np.linalg.norm(np.array(hit) + 0.5 - start))
-    return distance, int(shown.state.cell[cloud.row[drawn[hit]]])
+def _hit(shown: Shown, cloud: Cloud, ray: Ray) -> tuple[float, int] | None:
+    """Depth and linear index of the first cell of a cloud under a ray."""
+    hit = first_hit(ray, shown.layout.centre(cloud.index), CELL_HALF * shown.layout.resolution_m)
+    return None if hit is None else (hit[0], int(shown.state.cell[cloud.row[hit[1]]]))

@@ -1,54 +1,66 @@
-"""Which cell a ray hits first (Amanatides and Woo, 1987), over the cells that are drawn."""
+"""Which drawn cell is under the pointer. Cells are drawn as squares that face the camera, so this asks squares."""
 
-from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-Index = tuple[int, int, int]
+Vector = NDArray[np.float64]
 
 
-def rows_by_index(index: NDArray[np.int32]) -> dict[Index, int]:
-    """The row of every drawn cell (n, 3), to look cells up while walking along a ray."""
-    return {(i, j, k): row for row, (i, j, k) in enumerate(index.tolist())}
+@dataclass(frozen=True, slots=True, eq=False)
+class Ray:
+    """From the camera through the pointer, in metres of the scene.
 
-
-def first_hit(
-    origin: NDArray[np.float64], direction: NDArray[np.float64], drawn: Mapping[Index, int], shape: Index
-) -> Index | None:
-    """The first drawn cell along a ray, or None.
-
-    `origin` and `direction` (3,) are in grid steps (cell [i,j,k] fills [i, i+1) and so on); `shape` bounds the walk.
-
-    >>> drawn = {(2, 0, 0): 0}
-    >>> first_hit(np.array([-1.0, 0.5, 0.5]), np.array([1.0, 0.0, 0.0]), drawn, (4, 4, 1))
-    (2, 0, 0)
+    `origin` and `direction` (3,); `axes` (3, 3) has the camera's right, down and forward as columns.
     """
-    entry = _enter(origin, direction, np.asarray(shape, dtype=np.float64))
-    if entry is None:
+
+    origin: Vector
+    direction: Vector
+    axes: Vector
+
+    @classmethod
+    def of(cls, origin: tuple[float, ...], direction: tuple[float, ...], wxyz: NDArray[np.floating]) -> "Ray":
+        """A ray of a camera whose orientation is the unit quaternion `wxyz` (4,)."""
+        return cls(np.asarray(origin), np.asarray(direction), rotation(np.asarray(wxyz, dtype=np.float64)))
+
+    def moved(self, shift: Vector) -> "Ray":
+        """The same ray seen from something that was moved by `shift` (3,)."""
+        return Ray(self.origin - shift, self.direction, self.axes)
+
+
+def first_hit(ray: Ray, centre: Vector, half: float) -> tuple[float, int] | None:
+    """Depth and row of the nearest square under a ray, None where there is none.
+
+    `centre` (n, 3) are the squares' centres in metres, `half` is half of their side.
+
+    >>> ahead = Ray(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3))
+    >>> first_hit(ahead, np.array([[0.0, 0.0, 9.0], [0.1, 0.0, 5.0], [2.0, 0.0, 1.0]]), 0.2)
+    (5.0, 1)
+    """
+    right, down, forward = ((centre - ray.origin) @ ray.axes).T
+    slope = ray.direction @ ray.axes
+    with np.errstate(divide="ignore", invalid="ignore"):
+        aside = np.abs(right - forward * (slope[0] / slope[2]))
+        above = np.abs(down - forward * (slope[1] / slope[2]))
+    under = np.flatnonzero((forward > 0) & (aside <= half) & (above <= half))
+    if len(under) == 0:
         return None
-    start = origin + direction * entry
-    cell = np.clip(np.floor(start), 0, np.asarray(shape) - 1).astype(int)
-    step = np.sign(direction).astype(int)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        delta = np.where(direction != 0, 1.0 / np.abs(direction), np.inf)
-        next_wall = np.where(direction != 0, (cell + (step > 0) - origin) / direction, np.inf)
-    while True:
-        index = (int(cell[0]), int(cell[1]), int(cell[2]))
-        if index in drawn:
-            return index
-        axis = int(np.argmin(next_wall))
-        cell[axis] += step[axis]
-        next_wall[axis] += delta[axis]
-        if not 0 <= cell[axis] < shape[axis]:
-            return None
+    row = int(under[np.argmin(forward[under])])
+    return float(forward[row]), row
 
 
-def _enter(origin: NDArray[np.float64], direction: NDArray[np.float64], size: NDArray[np.float64]) -> float | None:
-    """Distance at which the ray enters the box from zero to `size`; None when it passes by."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        low = np.where(direction != 0, -origin / direction, np.where(origin >= 0, -np.inf, np.inf))
-        high = np.where(direction != 0, (size - origin) / direction, np.where(origin <= size, np.inf, -np.inf))
-    near = float(np.max(np.minimum(low, high)))
-    far = float(np.min(np.maximum(low, high)))
-    return None if near > far or far < 0 else max(near, 0.0)
+def rotation(wxyz: Vector) -> Vector:
+    """The matrix (3, 3) of a unit quaternion.
+
+    >>> rotation(np.array([1.0, 0.0, 0.0, 0.0])).tolist()
+    [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    """
+    w, x, y, z = wxyz
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )

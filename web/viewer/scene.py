@@ -8,7 +8,9 @@ from web.viewer import colors
 from web.viewer.cells import Cloud, Picture
 from web.viewer.layout import Layout, look
 
-_CELL = 0.42  # half a cell is a full one in viser's point size; a little less shows the cells apart
+CELL_HALF = 0.42
+"""Half the side of a drawn square in grid steps: a little less than a cell, so that cells show apart."""
+
 _EXACT_FLOAT16 = 2048
 _FOV = 0.7
 _GRIDS = ("predicted", "observed")
@@ -94,7 +96,7 @@ class Scene:
             f"/{name}/cells",
             points=np.zeros((1, 3), dtype=np.float32),
             colors=np.zeros((1, 3), dtype=np.uint8),
-            point_size=_CELL,
+            point_size=CELL_HALF,
             point_shape="square",
             point_shading="flat",
             precision="float16" if extent < _EXACT_FLOAT16 / 2 else "float32",

@@ -13,6 +13,7 @@ from app.events.bus import Bus
 from app.events.messages import Message as BusMessage
 from app.services.context import Context
 from web.viewer.messages import Message
+from web.viewer.picking import Ray
 from web.viewer.scene import Scene
 from web.viewer.session import Session
 from web.viewer.source import Services, Source
@@ -112,7 +113,7 @@ class ViewerServer:
     def _attach(self, session: Session, client: viser.ClientHandle) -> None:
         @client.scene.on_click()
         def _(event: viser.SceneClickEvent) -> None:
-            session.pick(event.ray_origin, event.ray_direction)
+            session.pick(Ray.of(event.ray_origin, event.ray_direction, client.camera.wxyz))
 
         session.attach(Scene(client))
 

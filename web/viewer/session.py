@@ -8,11 +8,11 @@ from app.errors import LocationNotFoundError, NoModelError, TidemapError
 from web.viewer import report
 from web.viewer.messages import Aim, Message, Select, Wish
 from web.viewer.painter import Painter
+from web.viewer.picking import Ray
 from web.viewer.scene import Scene
 from web.viewer.source import Source
 
 _log = logging.getLogger(__name__)
-Point = tuple[float, float, float]
 
 
 class Session:
@@ -64,10 +64,10 @@ class Session:
                 self._news = True
                 self._wake()
 
-    def pick(self, origin: Point, direction: Point) -> None:
-        """Select the first cell along a ray in metres of the scene; none where there is none."""
+    def pick(self, ray: Ray) -> None:
+        """Select the first cell under a ray; none where there is none."""
         if self._painter.shown is not None:
-            self.ask(Select(kind="select", cell=self._painter.pick(origin, direction)))
+            self.ask(Select(kind="select", cell=self._painter.pick(ray)))
 
     def close(self) -> None:
         """Stop working; what is being painted is finished or given up."""

@@ -5,14 +5,15 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
 
-from app.api.dependencies import After, Ctx, Limit, Operator, TimeQuery, cursor, query_time
+from app.api.bodies import FormRoute
+from app.api.dependencies import After, Ctx, Id, Limit, Operator, TimeQuery, cursor, query_time
 from app.api.encoding import JSON, to_json, with_etag
 from app.schemas.anomalies import AcknowledgeForm, DetectForm, Event, Events
 from app.schemas.common import Page
 from app.services.anomalies import DetectQuery, EventQuery, acknowledge, detect, list_events
 from app.services.context import Context
 
-router = APIRouter(tags=["anomalies"])
+router = APIRouter(tags=["anomalies"], route_class=FormRoute)
 Surprise = Annotated[float | None, Query(ge=0, le=1)]
 Acknowledged = Annotated[bool | None, Query()]
 
@@ -69,6 +70,6 @@ def search(name: str, form: DetectForm, ctx: Ctx, _: Operator) -> Events:
 
 
 @router.post("/anomalies/{anomaly_id}/acknowledge")
-def acknowledge_event(anomaly_id: int, ctx: Ctx, principal: Operator, form: AcknowledgeForm | None = None) -> Event:
+def acknowledge_event(anomaly_id: Id, ctx: Ctx, principal: Operator, form: AcknowledgeForm | None = None) -> Event:
     """An operator has seen this event."""
     return acknowledge(ctx, anomaly_id, principal.name, form.note if form else None)

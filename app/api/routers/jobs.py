@@ -4,14 +4,15 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
 
-from app.api.dependencies import After, Ctx, Limit, Operator, cursor
+from app.api.bodies import FormRoute
+from app.api.dependencies import After, Ctx, Id, Limit, Operator, cursor
 from app.api.waiting import wait_for_job
 from app.schemas.common import Page
 from app.schemas.jobs import Job, UpdateForm
 from app.services import jobs
 from app.services.update import UpdateRequest
 
-router = APIRouter(tags=["jobs"])
+router = APIRouter(tags=["jobs"], route_class=FormRoute)
 
 
 @router.post("/locations/{name}/update", status_code=202, responses={200: {"model": Job}})
@@ -40,12 +41,12 @@ def list_all(ctx: Ctx, _: Operator, limit: Limit = 100, after: After = None) -> 
 
 
 @router.get("/jobs/{job_id}")
-def get(job_id: int, ctx: Ctx, _: Operator) -> Job:
+def get(job_id: Id, ctx: Ctx, _: Operator) -> Job:
     """One job."""
     return jobs.get_job(ctx, job_id)
 
 
 @router.delete("/jobs/{job_id}")
-def cancel(job_id: int, ctx: Ctx, _: Operator) -> Job:
+def cancel(job_id: Id, ctx: Ctx, _: Operator) -> Job:
     """Cancel a queued job."""
     return jobs.cancel_job(ctx, job_id)

@@ -2,12 +2,13 @@
 
 from fastapi import APIRouter
 
-from app.api.dependencies import Admin, Ctx
+from app.api.bodies import FormRoute
+from app.api.dependencies import Admin, Ctx, Id
 from app.schemas.common import Page
 from app.schemas.keys import Key, KeyForm, NewKey
 from app.services import keys
 
-router = APIRouter(prefix="/keys", tags=["keys"])
+router = APIRouter(prefix="/keys", tags=["keys"], route_class=FormRoute)
 
 
 @router.get("")
@@ -23,6 +24,6 @@ def create(form: KeyForm, ctx: Ctx, _: Admin) -> NewKey:
 
 
 @router.delete("/{key_id}", status_code=204)
-def delete(key_id: int, ctx: Ctx, _: Admin) -> None:
+def delete(key_id: Id, ctx: Ctx, _: Admin) -> None:
     """Revoke a key."""
     keys.delete_key(ctx, key_id)

@@ -2,12 +2,13 @@
 
 from fastapi import APIRouter, Response
 
+from app.api.bodies import FormRoute
 from app.api.dependencies import Admin, After, Ctx, Limit, Operator
 from app.schemas.common import Page
 from app.schemas.locations import Location, LocationForm, LocationPatch
 from app.services import locations
 
-router = APIRouter(prefix="/locations", tags=["locations"])
+router = APIRouter(prefix="/locations", tags=["locations"], route_class=FormRoute)
 
 
 @router.post("", status_code=201)

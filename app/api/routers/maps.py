@@ -6,6 +6,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
 
+from app.api.bodies import FormRoute
 from app.api.dependencies import Ctx, Operator, TimeQuery, query_time
 from app.api.encoding import JSON, NPY, encode_prediction, encode_series, encode_state, preferred, with_etag
 from app.errors import InvalidInputError
@@ -16,7 +17,7 @@ from app.services.evaluate import evaluate
 from app.services.model import model_of
 from app.services.predict import PredictQuery, StateQuery, predict_at, series, state_at
 
-router = APIRouter(prefix="/locations/{name}", tags=["maps"])
+router = APIRouter(prefix="/locations/{name}", tags=["maps"], route_class=FormRoute)
 Order = Annotated[int | None, Query(ge=0, le=64, description="Default: the revision's.")]
 Cell = Annotated[int, Query(description="Linear index in C order of the shape.")]
 
@@ -46,7 +47,7 @@ def state(
     media_type = preferred(request, (JSON, ARROW, NPY))
     if observed:
         return encode_state(view, media_type)
-    key = (name, view.revision, query, media_type, view.confidence)
+    key = (view.location_id, view.revision, query, media_type, view.confidence)
     return with_etag(request, key, partial(encode_state, view, media_type))
 
 

@@ -7,6 +7,7 @@ from starlette.concurrency import run_in_threadpool
 
 from app.api.dependencies import BodyIn, Ctx, Robot
 from app.ingest.observation import ARROW
+from app.schemas.common import Text
 from app.schemas.observations import Accepted, GridObservations, StateObservations
 from app.services.keys import Principal
 from app.services.observe import Post, observe
@@ -54,11 +55,11 @@ _BODY: dict[str, Any] = {
 @router.post("", status_code=201, openapi_extra=_BODY, responses={200: {"model": Accepted}})
 async def post(
     name: str,
+    robot: Robot,
     body: BodyIn,
     ctx: Ctx,
-    robot: Robot,
     response: Response,
-    source: Annotated[str | None, Query(max_length=128, description="The robot's name.")] = None,
+    source: Annotated[Text | None, Query(max_length=128, description="The robot's name.")] = None,
     idempotency_key: Annotated[str | None, Header(min_length=1, max_length=255)] = None,
 ) -> Accepted:
     """Post measurements; answered after their durable commit.

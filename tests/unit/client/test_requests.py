@@ -90,9 +90,7 @@ def test_batches_merge_into_one_answer(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def stored(accepted: int, first: str, last: str, *events: dict[str, object]) -> Said:
         times = {"first_time": f"1970-01-0{first}T00:00:00Z", "last_time": f"1970-01-0{last}T00:00:00Z"}
-        return Said(
-            201, {"accepted": accepted, "duplicate": False, "anomalies": events, "revision": accepted} | times
-        )
+        return Said(201, {"accepted": accepted, "duplicate": False, "anomalies": events, "revision": accepted} | times)
 
     longer = event(1, stop="1970-01-01T09:00:00Z")
     answers = stored(2, "1", "2", event(1)), stored(1, "3", "4", longer, event(2))

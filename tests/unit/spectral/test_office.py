@@ -53,9 +53,7 @@ def test_the_week_comes_back_exactly(office: Office, order: int) -> None:
 def test_the_anomalies_of_the_week(office: Office) -> None:
     probability = predict_times(model(office, 15).spectrum, office.week.time_s)[0]
     assert runs(is_anomalous(probability, office.week.state, 0.95)) == 44
-    assert is_anomalous(probability, office.week.state, 0.95, "paper").mean() == pytest.approx(
-        0.18, abs=0.005
-    )
+    assert is_anomalous(probability, office.week.state, 0.95, "paper").mean() == pytest.approx(0.18, abs=0.005)
 
 
 def test_auto_is_quick_on_a_week_of_seconds(office: Office) -> None:

@@ -330,7 +330,8 @@ for (const button of document.querySelectorAll("[data-reach]")) {
 function keys(event) {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
   const target = event.target;
-  const typing = target.matches?.("select, input:not(#time), summary, button, a");
+  const pressable = target.matches?.("select, input:not(#time), summary, button, a");
+  const movable = target.matches?.("select, input:not(#time):not([type=checkbox])");
   const inScene = target.ownerDocument !== document;
   const actions = {
     " ": () => play(!playing),
@@ -347,7 +348,7 @@ function keys(event) {
     actions.ArrowRight = () => step(event.shiftKey ? DAY : HOUR);
   }
   const action = actions[event.key.length === 1 ? event.key.toLowerCase() : event.key];
-  if (!action || !place || (typing && (event.key === " " || event.key.startsWith("Arrow")))) return;
+  if (!action || !place || (pressable && event.key === " ") || (movable && event.key.startsWith("Arrow"))) return;
   event.preventDefault();
   action();
 }

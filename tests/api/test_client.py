@@ -1,0 +1,333 @@
+"""The client against a real server process; every test runs with the blocking and the asynchronous client."""
+
+import asyncio
+import inspect
+import threading
+import time
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.client import AsyncClient, Client, Patience, TidemapError
+from app.client.operation import Awaited
+from tests.conftest import StartServer
+from tests.support.server import ServerProcess
+
+DAY_S = 86400.0
+START = 1_767_225_600.0  # 2026-01-01 00:00 UTC, a Thursday
+GRID = {"resolution_m": 0.5, "shape": [4, 3, 2]}
+
+
+class Waited:
+    """An awaited client or handle as a blocking one."""
+
+    def __init__(self, awaited: Any, loop: asyncio.AbstractEventLoop) -> None:
+        self._awaited = awaited
+        self._loop = loop
+
+    def __getattr__(self, name: str) -> Any:
+        return self._wrap(getattr(self._awaited, name))
+
+    def _wrap(self, value: Any) -> Any:
+        if inspect.iscoroutine(value):
+            return self._wrap(self._loop.run_until_complete(value))
+        if hasattr(value, "__aiter__"):
+            return self._items(value)
+        if isinstance(value, Awaited):
+            return Waited(value, self._loop)
+        if inspect.ismethod(value):
+            return lambda *args, **kwargs: self._wrap(value(*args, **kwargs))
+        return value
+
+    def _items(self, items: Any) -> Iterator[Any]:
+        try:
+            while True:
+                yield self._loop.run_until_complete(anext(items))
+        except StopAsyncIteration:
+            return
+        finally:
+            self._loop.run_until_complete(items.aclose())
+
+
+def connected(kind: str, url: str, **how: Any) -> Any:
+    """A client to use in `with`-less tests; close it with .close()."""
+    if kind == "blocking":
+        return Client(url, **how)
+    return Waited(AsyncClient(url, **how), asyncio.new_event_loop())
+
+
+@pytest.fixture(params=["blocking", "awaited"])
+def kind(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture
+def client(kind: str, shared_server: ServerProcess) -> Iterator[Any]:
+    client = connected(kind, shared_server.url)
+    yield client
+    client.close()
+
+
+@pytest.fixture
+def name(request: pytest.FixtureRequest) -> str:
+    """A location's name of this test's own."""
+    kept = (c if c.isalnum() else "-" for c in request.node.name)
+    return "".join(kept)[:100]
+
+
+def daily(days: int, interval_s: float = 600.0) -> tuple[np.ndarray, np.ndarray]:
+    """Times and states of a door that is open from nine to five UTC."""
+    time_s = START + np.arange(0, days * DAY_S, interval_s)
+    hour = time_s % DAY_S / 3600
+    return time_s, ((hour >= 9) & (hour < 17)).astype(np.uint8)
+
+
+def door(client: Any, name: str, days: int = 4) -> Any:
+    """A location with a model of a daily rhythm."""
+    handle = client.create_location(name, interval_s=600, estimator="fft", order=5)
+    handle.observe(*daily(days))
+    assert handle.update(wait=True).state == "done"
+    return handle
+
+
+def test_the_life_of_a_door(client: Any, name: str) -> None:
+    handle = client.create_location(name, kind="state", interval_s=600, estimator="fft", order=5)
+    times, states = daily(4)
+    accepted = handle.observe(time=times, state=states)
+    assert (accepted.accepted, accepted.duplicate) == (len(times), False)
+    assert (accepted.first_time, accepted.last_time) == (times[0], times[-1])
+    job = handle.update(wait=True)
+    assert (job.state, job.location, job.progress) == ("done", name, 1)
+
+    noon = datetime(2026, 1, 9, 12, tzinfo=UTC)
+    prediction = handle.predict(time=[noon, noon + timedelta(hours=12)])
+    assert prediction.probability.shape == (1, 2)
+    assert prediction.probability[0, 0] > 0.8 > 0.2 > prediction.probability[0, 1]
+    assert prediction.state.tolist() == [[1, 0]]
+    assert prediction.revision == 1
+    assert prediction.time[0] == noon.timestamp()
+
+    now = handle.state(time=noon, confidence=0.75)
+    assert (now.cell.tolist(), now.verdict.tolist(), now.confidence) == ([0], ["occupied"], 0.75)
+    assert (now.time, now.estimator, now.order, now.shape) == (noon.timestamp(), "fft", 5, (1,))
+
+    series = handle.series(start=times[0], stop=times[0] + DAY_S, step=3600)
+    assert series.observed.tolist() == [int(9 <= hour < 17) for hour in range(24)]
+
+    model = handle.model(order=2)
+    assert (model.order, len(model.components)) == (2, 2)
+    scores = handle.evaluate(orders=[0, 5], estimators=["fft"], start=times[0], stop=times[-1] + 600)
+    assert [row.order for row in scores.results] == [0, 5]
+    assert scores.results[1].error < scores.results[0].error
+    given = handle.evaluate(orders=[5], estimators=["fft"], time=[noon], state=[True])
+    assert (given.results[0].error, given.results[0].n) == (0, 1)
+
+    info = handle.get()
+    assert (info.observations, info.revision, info.kind) == (len(times), 1, "state")
+    assert name in [location.name for location in client.locations()]
+
+
+def test_a_grid_seen_look_by_look(client: Any, name: str) -> None:
+    handle = client.create_location(name, kind="grid3d", interval_s=60, grid=GRID)
+    handle.observe_grid(START, occupied=[0, 5], free=[1])
+    handle.observe_grid(START + 60, occupied=[[0, 0, 1]], free=np.array([[3, 2, 1]]))
+    handle.update(wait=True)
+    state = handle.state(time=START + 60, observed=True)
+    assert dict(zip(state.cell.tolist(), state.observed.tolist(), strict=True)) == {0: 1, 1: 1, 5: 1, 23: 0}
+    dense = state.dense("observed")
+    assert dense.shape == (4, 3, 2)
+    assert (dense[0, 0, 1], dense[3, 2, 1], dense[2, 0, 0]) == (1, 0, -1)
+    assert np.isnan(state.dense()[2, 0, 0])
+    corner = handle.state(time=START, bbox=(0, 0, 0, 0.5, 0.5, 1))
+    assert corner.cell.tolist() == [0, 1]
+
+
+def test_many_looks_from_columns(client: Any, name: str) -> None:
+    handle = client.create_location(name, kind="grid3d", interval_s=60, grid=GRID)
+    times = np.repeat(START + 60 * np.arange(5), 24)
+    cells = np.tile(np.arange(24), 5)
+    assert handle.observe(times, cells % 2, cells).accepted == 120
+    handle.update(wait=True)
+    np.testing.assert_array_equal(handle.state(time=START + 240).dense("state").ravel(), np.arange(24) % 2)
+
+
+def test_more_than_a_post_holds_is_split_and_stored_once(client: Any, name: str) -> None:
+    handle = client.create_location(name, kind="grid2d", interval_s=60, grid={"resolution_m": 1, "shape": [500, 300]})
+    cells = np.tile(np.arange(150_000, dtype=np.uint32), 3)
+    times = np.repeat([START, START + 60, START + 120], 150_000)
+    accepted = handle.observe(times, np.zeros(450_000, np.uint8), cells)
+    assert (accepted.accepted, accepted.first_time, accepted.last_time) == (450_000, START, START + 120)
+    assert handle.get().observations == 450_000
+
+
+def test_an_idempotency_key_of_ones_own_holds_across_calls(client: Any, name: str) -> None:
+    handle = client.create_location(name, interval_s=60)
+    assert not handle.observe([START], [1], idempotency_key="monday").duplicate
+    again = handle.observe([START], [1], idempotency_key="monday")
+    assert again.duplicate
+    assert handle.get().observations == 1
+    with pytest.raises(TidemapError) as caught:
+        handle.observe([START], [0], idempotency_key="monday")
+    assert (caught.value.status, caught.value.type.split("#")[-1].split("/")[-1]) == (409, "idempotency-key-reused")
+
+
+def test_errors_come_in_the_servers_own_words(client: Any, name: str) -> None:
+    missing = client.location(name)
+    with pytest.raises(TidemapError, match=name) as caught:
+        missing.get()
+    assert caught.value.status == 404
+    handle = client.create_location(name, interval_s=60)
+    with pytest.raises(TidemapError) as caught:
+        client.create_location(name, interval_s=60)
+    assert caught.value.status == 409
+    with pytest.raises(TidemapError) as caught:
+        handle.state()
+    assert caught.value.status == 409
+    assert caught.value.type.endswith("no-model")
+    with pytest.raises(TidemapError) as caught:
+        handle.observe([START], [2])
+    assert caught.value.status == 422
+    assert caught.value.errors
+    with pytest.raises(TidemapError) as caught:
+        client.create_location("no spaces", interval_s=-1)
+    assert {error.field for error in caught.value.errors} >= {"name", "interval_s"}
+    assert handle.get().observations == 0
+
+
+def test_a_time_without_zone_is_refused_before_anything_is_sent(client: Any, name: str) -> None:
+    handle = client.create_location(name, interval_s=60)
+    with pytest.raises(ValueError, match="no time zone"):
+        handle.observe([datetime(2026, 1, 1)], [1])
+    assert handle.get().observations == 0
+
+
+def test_patch_and_delete(client: Any, name: str) -> None:
+    handle = client.create_location(name, interval_s=60, retention=DAY_S)
+    assert handle.patch(name=f"{name}-2", confidence=0.75, retention=None).confidence == 0.75
+    assert (handle.name, handle.get().retention) == (f"{name}-2", None)
+    handle.delete()
+    with pytest.raises(TidemapError) as caught:
+        handle.get()
+    assert caught.value.status == 404
+
+
+def test_anomalies_are_paged_and_acknowledged(client: Any, name: str) -> None:
+    handle = door(client, name)
+    day = START + 8 * DAY_S
+    for hour in (1, 2, 3):
+        accepted = handle.observe([day + hour * 3600], [1])
+        assert [event.observed for event in accepted.anomalies] == [1]
+    found = list(handle.anomalies(limit=2))
+    assert [event.start for event in found] == [day + hour * 3600 for hour in (1, 2, 3)]
+    assert [event.id for event in handle.anomalies(after=found[0].id)] == [event.id for event in found[1:]]
+    seen = client.acknowledge(found[1].id, "the cleaners")
+    assert (seen.id, seen.note) == (found[1].id, "the cleaners")
+    assert [event.id for event in handle.anomalies(acknowledged=True)] == [found[1].id]
+    computed = handle.detect(day, day + DAY_S, confidence=0.9)
+    assert [event.start for event in computed.items] == [event.start for event in found]
+    assert computed.items[0].id is None
+
+
+def test_jobs(client: Any, name: str) -> None:
+    handle = client.create_location(name, interval_s=600)
+    handle.observe(*daily(3))
+    job = handle.update(wait=False, estimator="static")
+    assert job.kind == "update"
+    deadline = time.monotonic() + 30
+    while client.jobs.get(job.id).state != "done" and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert client.jobs.get(job.id).state == "done"
+    assert job.id in [each.id for each in client.jobs.list()]
+    with pytest.raises(TidemapError) as caught:
+        client.jobs.cancel(job.id)
+    assert caught.value.status == 409
+
+
+def test_events_tell_what_happens(client: Any, kind: str, name: str, shared_server: ServerProcess) -> None:
+    handle = door(client, name)
+    night = START + 8 * DAY_S
+    first = handle.observe([night], [1]).anomalies[0]
+    messages = client.events(location=name, after=first.id - 1)
+    replayed = next(messages)
+    assert (replayed.kind, replayed.id, replayed.location) == ("anomaly", first.id, name)
+    assert replayed.data["cells"] == [0]
+    with Client(shared_server.url) as other:
+        other.location(name).observe([night + 600], [0])
+        other.location(name).observe([night + 1200], [1])
+    kinds = [(message.kind, message.time > 1_700_000_000) for message in (next(messages) for _ in range(3))]
+    assert kinds == [("observation", True), ("observation", True), ("anomaly", True)]
+    messages.close()
+
+
+def test_events_of_an_unknown_location_are_refused(client: Any, name: str) -> None:
+    with pytest.raises(TidemapError, match=name) as caught:
+        next(client.events(location=name))
+    assert caught.value.status == 404
+
+
+def test_keys_open_and_close_doors(kind: str, server: StartServer) -> None:
+    process = server()
+    owner = connected(kind, process.url)
+    admin = owner.keys.create("root", "admin")
+    robot = owner_key(kind, process, admin.key).keys.create("spot", "robot")
+    with pytest.raises(TidemapError) as caught:
+        owner.locations()
+    assert caught.value.status == 401
+    owner = owner_key(kind, process, admin.key)
+    owner.create_location("door", interval_s=60)
+    spot = owner_key(kind, process, robot.key)
+    assert spot.location("door").observe([START], [1]).accepted == 1
+    with pytest.raises(TidemapError) as caught:
+        spot.keys.list()
+    assert caught.value.status == 403
+    with pytest.raises(TidemapError) as caught:
+        next(spot.events())
+    assert caught.value.status == 403
+    assert {(key.name, key.role) for key in owner.keys.list()} >= {("root", "admin"), ("spot", "robot")}
+    owner.keys.delete(robot.id)
+    with pytest.raises(TidemapError) as caught:
+        spot.location("door").observe([START + 60], [1])
+    assert caught.value.status == 401
+
+
+def owner_key(kind: str, process: ServerProcess, key: str) -> Any:
+    return connected(kind, process.url, key=key)
+
+
+def test_a_server_killed_under_a_post_costs_nothing(kind: str, server: StartServer) -> None:
+    process = server()
+    client = connected(kind, process.url, patience=Patience(tries=200, first_s=0.05, most_s=0.2))
+    handle = client.create_location("lab", kind="grid2d", interval_s=60, grid={"resolution_m": 1, "shape": [300, 200]})
+    times, cells = np.repeat(START + 60 * np.arange(30), 60_000), np.tile(np.arange(60_000), 30)
+
+    def cut_the_power() -> None:
+        time.sleep(0.25)
+        process.kill()
+        process.restart()
+
+    saboteur = threading.Thread(target=cut_the_power)
+    saboteur.start()
+    accepted = handle.observe(times, cells % 2, cells)
+    saboteur.join()
+    assert handle.get().observations == len(times)
+    assert accepted.last_time == times[-1]
+    client.close()
+
+
+def test_events_survive_a_restart_and_miss_no_anomaly(kind: str, server: StartServer) -> None:
+    process = server()
+    client = connected(kind, process.url, patience=Patience(tries=200, first_s=0.05, most_s=0.2))
+    handle = door(client, "door")
+    nights = START + (8 + np.arange(3)) * DAY_S
+    known = handle.observe(nights[:1], [1]).anomalies[0].id
+    messages = client.events(kind="anomaly", after=known - 1)
+    assert next(messages).id == known
+    process.restart()
+    with Client(process.url) as other:
+        missed = [other.location("door").observe([night], [1]).anomalies[0].id for night in nights[1:]]
+    assert [next(messages).id for _ in missed] == missed
+    messages.close()
+    client.close()

@@ -1,0 +1,36 @@
+"""The truth about a history as plainly as it can be said: a dictionary of what stands."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from app.spectral.measurements import Measurements
+from app.spectral.timebase import TimeBase
+
+Row = tuple[float, int, int]
+"""(time in Unix seconds, cell, state)."""
+Truth = dict[tuple[int, int], tuple[float, int]]
+"""By (cell, sample): the time and the state of the measurement that stands."""
+
+
+def put(truth: Truth, rows: Iterable[Row], base: TimeBase) -> None:
+    """Add measurements: the latest time stands, of two at the same time the occupied one."""
+    for time, cell, state in rows:
+        key = (cell, int(base.sample(time)))
+        truth[key] = max(truth.get(key, (time, state)), (time, state))
+
+
+def measurements_of(rows: Iterable[Row]) -> Measurements:
+    """The rows as columns, in their order."""
+    listed = list(rows)
+    time, cell, state = zip(*listed, strict=True) if listed else ((), (), ())
+    return Measurements(np.array(time, np.float64), np.array(cell, np.uint32), np.array(state, np.uint8))
+
+
+def states_of(truth: Truth, cells: range, start: int, stop: int) -> np.ndarray:
+    """Dense (cells, stop - start) states as `History.states` gives them."""
+    dense = np.full((len(cells), stop - start), 2, np.uint8)
+    for (cell, sample), (_, state) in truth.items():
+        if cell in cells and start <= sample < stop:
+            dense[cell - cells.start, sample - start] = state
+    return dense
