@@ -59,6 +59,7 @@ def serve(ctx: Context, options: Options) -> int:
             server_header=False,
             timeout_graceful_shutdown=GRACE_S,
             ws_max_size=64 * 2**20,
+            ws_per_message_deflate=False,
         )
         bound = config.bind_socket()
         stack.callback(bound.close)

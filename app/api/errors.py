@@ -94,13 +94,19 @@ def _validation(request: Request, error: Exception) -> Response:
     if unreadable is not None:
         reason = unreadable.get("ctx", {}).get("error", "")
         return _domain(request, errors.UnreadableBodyError(f"The body is no JSON: {reason}."))
-    fields = [errors.FieldError(_place(each["loc"]), _message(each)) for each in details]
+    messages: dict[str, list[str]] = {}
+    for each in details:
+        messages.setdefault(_place(each), []).append(_message(each))
+    fields = [errors.FieldError(place, " or ".join(said)) for place, said in messages.items()]
     return _domain(request, errors.InvalidInputError(*fields))
 
 
-def _place(location: tuple[Any, ...]) -> str:
-    parts = [str(part) for part in location[1:] if part not in ("function-before", "function-after")]
-    return ".".join(parts) or str(location[0])
+def _place(detail: Mapping[str, Any]) -> str:
+    """The field as the sender knows it: without the names that pydantic gives to alternatives of a type."""
+    origin, *parts = (str(part) for part in detail["loc"])
+    if detail["type"] != "extra_forbidden":
+        parts = [*parts[:1], *(part for part in parts[1:] if part.isidentifier() or part.isdigit())]
+    return "".join(f"[{part}]" if part.isdigit() else f".{part}" for part in parts).removeprefix(".") or origin
 
 
 def _message(detail: Mapping[str, Any]) -> str:

@@ -1,6 +1,7 @@
 """The API as one ASGI application."""
 
 from collections.abc import Callable, Mapping
+from http import HTTPStatus
 from typing import Any
 
 from fastapi import FastAPI
@@ -25,6 +26,18 @@ _REASONS = {
     422: "Readable but wrong; `errors` names the fields and the mend.",
     429: "Too many requests; try again after `Retry-After` seconds.",
     503: "Shutting down or busy; try again after `Retry-After` seconds.",
+}
+_KINDS = {
+    400: "unreadable-body",
+    401: "unauthorized",
+    403: "forbidden",
+    404: "location-not-found",
+    409: "name-taken",
+    413: "body-too-large",
+    415: "unsupported-media-type",
+    422: "invalid-input",
+    429: "busy",
+    503: "queue-full",
 }
 _SUMMARY = "A map service for robots that live in one place for months."
 _DESCRIPTION = (
@@ -59,12 +72,31 @@ def create_app(ctx: Context, alive: Mapping[str, Callable[[], bool]] | None = No
     return app
 
 
+_HEADERS = {401: "WWW-Authenticate", 429: "Retry-After", 503: "Retry-After"}
+
+
 def _problems() -> dict[int | str, dict[str, Any]]:
-    schema = {"$ref": "#/components/schemas/Problem"}
-    return {
-        status: {"description": reason, "content": {errors.MEDIA_TYPE: {"schema": schema}}}
-        for status, reason in _REASONS.items()
+    return {status: _problem(status, reason) for status, reason in _REASONS.items()}
+
+
+def _problem(status: int, reason: str) -> dict[str, Any]:
+    example: dict[str, Any] = {
+        "type": f"urn:tidemap:problem:{_KINDS[status]}",
+        "title": HTTPStatus(status).phrase,
+        "status": status,
+        "detail": reason,
+        "instance": f"{BASE}/locations/office-door",
     }
+    if status == HTTPStatus.UNPROCESSABLE_ENTITY:
+        example["errors"] = [{"field": "time[3]", "message": "NaN and infinity are no times; give Unix seconds"}]
+    schema = {"$ref": "#/components/schemas/Problem"}
+    answer: dict[str, Any] = {
+        "description": reason,
+        "content": {errors.MEDIA_TYPE: {"schema": schema, "example": example}},
+    }
+    if status in _HEADERS:
+        answer["headers"] = {_HEADERS[status]: {"schema": {"type": "string"}}}
+    return answer
 
 
 def _document_bodies(app: FastAPI) -> None:

@@ -63,6 +63,9 @@ class AsyncClient(ClientOperations[AsyncLocationHandle], Awaited):
         self.jobs = AsyncJobs("/jobs", self._connection)
         self.keys = AsyncKeys("/keys", self._connection)
 
+    def __repr__(self) -> str:
+        return f"AsyncClient({self._connection.server.base!r})"
+
     async def __aenter__(self) -> Self:
         return self
 

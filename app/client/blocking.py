@@ -66,6 +66,9 @@ class Client(ClientOperations[LocationHandle], Blocking):
         self.jobs = Jobs("/jobs", self._connection)
         self.keys = Keys("/keys", self._connection)
 
+    def __repr__(self) -> str:
+        return f"Client({self._connection.server.base!r})"
+
     def __enter__(self) -> Self:
         return self
 
@@ -85,8 +88,8 @@ class Client(ClientOperations[LocationHandle], Blocking):
     ) -> Iterator[Message]:
         """What happens at the server, as it happens; connects again by itself, behind the last anomaly.
 
-        `after` replays the anomalies behind that id first. Raises TidemapError when the server refuses, or
-        stays out of reach longer than the client's patience.
+        `after` replays the anomalies behind that id first (0: all), so that none is missed. Raises
+        TidemapError when the server refuses, or stays out of reach longer than the client's patience.
         """
         feed = Feed(self._connection.server, self._connection.patience, location, kind, after)
         while True:

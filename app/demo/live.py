@@ -10,7 +10,7 @@ from app.demo.civil import DAY_S
 from app.demo.locations import BUILDING, prepare
 from app.demo.posting import Posting
 from app.demo.robot import INTERVAL_S, Robot
-from app.demo.seed import RECENT_ROUNDS, SEED, chunks, rounds
+from app.demo.seed import ROUNDS_AT_ONCE, SEED, chunks, rounds
 from app.demo.story import PLANT_STAYS_S, Story
 from app.demo.world import World
 
@@ -53,7 +53,7 @@ class Rounds:
         """Post the rounds of every five minutes that were missed, and the latest of every `every_s` seconds."""
         missed = rounds(max(self._posting.since(), now - CATCH_UP_S), now)
         times = sorted({*missed.tolist(), now - now % every_s})
-        for some in chunks(times, RECENT_ROUNDS):
+        for some in chunks(times, ROUNDS_AT_ONCE):
             self._posting.post(self._robot.looks(some))
 
 

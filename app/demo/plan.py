@@ -129,9 +129,9 @@ class Seat:
     def chair(self, shift: int = 0) -> tuple[Box, ...]:
         """The chair, shifted by cells along x."""
         x = (self.x + shift, self.x + shift + 1)
-        seat = box(x, (self.y, self.y + 1), (1, 2))
         if not self.back:
-            return (seat,)
+            return box(x, (self.y, self.y + 1), (2, 2)), box((x[0], x[0]), (self.y, self.y), (1, 1))
+        seat = box(x, (self.y, self.y + 1), (1, 2))
         y = self.y if self.back < 0 else self.y + 1
         return seat, box(x, (y, y), (3, 4))
 
@@ -153,23 +153,22 @@ MEETING_SEATS = (
 )
 KITCHEN_SEATS = Seat(42, 29, 0), Seat(50, 29, 0), Seat(46, 26, 0)
 SEATS = (*OFFICE_SEATS, *LAB_SEATS, *MEETING_SEATS, *KITCHEN_SEATS)
-WANDERING_SEATS = frozenset((*KITCHEN_SEATS, LAB_SEATS[1]))
+WANDERING_SEATS = frozenset((KITCHEN_SEATS[2], LAB_SEATS[1]))
 SHIFTS = (-1, 0, 1)
 """How far, in cells along x, chairs wander that people leave elsewhere."""
 
 
 def plant(x: int, y: int) -> tuple[Box, ...]:
-    """A pot with a stem and leaves, 3 x 3 cells."""
+    """A slim plant at [x, y] with leaves around its top."""
     return (
-        box((x, x + 2), (y, y + 2), (1, 2)),
-        box((x + 1, x + 1), (y + 1, y + 1), (3, 4)),
-        box((x, x + 2), (y, y + 2), (5, 6)),
-        box((x + 1, x + 1), (y + 1, y + 1), (7, 7)),
+        box((x, x), (y, y), (1, 5)),
+        box((x - 1, x + 1), (y, y), (4, 4)),
+        box((x, x), (y - 1, y + 1), (4, 4)),
     )
 
 
-PLANT_FIRST = plant(28, 1)
-PLANT_LATER = plant(53, 20)
+PLANT_FIRST = plant(29, 2)
+PLANT_LATER = plant(54, 21)
 
 
 def fill(cells: Cells, boxes: tuple[Box, ...], value: bool = True) -> None:

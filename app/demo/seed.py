@@ -23,9 +23,8 @@ TRAINED_S = 14 * DAY_S
 JUDGED_S = 3 * DAY_S
 """At least so much is posted after the first update, so that it is judged by the first model."""
 LEAD_S = 3600.0
-HISTORY_ROUNDS = 48
-RECENT_ROUNDS = 12
-"""Rounds of the robot in one post, before and after the first update."""
+ROUNDS_AT_ONCE = 48
+"""Rounds of the robot in one post: four hours."""
 
 
 def seed(client: Client, now: float | None = None, progress: Progress | None = None) -> Posted:
@@ -72,7 +71,7 @@ def _post_history(posting: Posting, robot: Robot, times: NDArray[np.float64], pr
     """The places come last and at once, so that no model of a part of their history judges the rest."""
     seen: list[tuple[float, dict[str, bool]]] = []
     with progress.task("History", len(times)) as step:
-        for some in chunks(times.tolist(), HISTORY_ROUNDS):
+        for some in chunks(times.tolist(), ROUNDS_AT_ONCE):
             looks = robot.looks(some)
             posting.post_building(looks)
             seen += [(look.time, look.places) for look in looks]
@@ -82,7 +81,7 @@ def _post_history(posting: Posting, robot: Robot, times: NDArray[np.float64], pr
 
 def _post_recent(posting: Posting, robot: Robot, times: NDArray[np.float64], progress: Progress) -> None:
     with progress.task("Last days", len(times)) as step:
-        for some in chunks(times.tolist(), RECENT_ROUNDS):
+        for some in chunks(times.tolist(), ROUNDS_AT_ONCE):
             posting.post(robot.looks(some))
             step(len(some))
 

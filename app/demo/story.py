@@ -7,7 +7,9 @@ from app.demo.civil import DAY_S, FRIDAY, last
 
 Span: TypeAlias = tuple[float, float]
 NEVER: Span = (0.0, 0.0)
-PLANT_STAYS_S = 10 * DAY_S
+PLANT_STAYS_S = 4 * DAY_S
+"""Early enough to lie before the two weeks a spectrum is fitted to. A transform repeats what it was fitted to: a
+move within its window it expects to be undone when the window begins anew, and would call the plant an anomaly."""
 NIGHT = 2 + 10 / 60, 2 + 25 / 60
 AFTERNOON = 13.75, 16.25
 """Local hours of the planted anomalies."""

@@ -19,9 +19,8 @@ def read(content: bytes, kind: str, grid: Grid) -> Columns:
     times = _times(table.column("time"))
     cells = np.zeros(len(times), np.int64) if kind == "state" else _integers(table.column("cell"), "cell")
     states = _integers(table.column("state"), "state")
-    return Columns(
-        times, cells, narrow_states(states), "time[{}]".format, "cell[{}]".format, "state[{}]".format, "time"
-    )
+    cell_field = ("time[{}]" if kind == "state" else "cell[{}]").format
+    return Columns(times, cells, narrow_states(states), "time[{}]".format, cell_field, "state[{}]".format, "time")
 
 
 def _load(content: bytes, wanted: set[str]) -> Any:

@@ -135,13 +135,13 @@ def _cells(values: list[object], field: str, grid: Grid) -> NDArray[np.int64]:
         return integers_of(values, field, CELL_MESSAGE)
     if kinds == {list}:
         return _indices(values, field, grid)
-    parts = [
-        _indices([value], field, grid)
-        if isinstance(value, list)
-        else np.array([whole(value, f"{field}[{i}]", CELL_MESSAGE)])
-        for i, value in enumerate(values)
-    ]
-    return np.concatenate(parts)
+    cells = np.empty(len(values), np.int64)
+    listed = [i for i, value in enumerate(values) if isinstance(value, list)]
+    cells[listed] = _indices([values[i] for i in listed], field, grid)
+    for i, value in enumerate(values):
+        if not isinstance(value, list):
+            cells[i] = whole(value, f"{field}[{i}]", CELL_MESSAGE)
+    return cells
 
 
 def _indices(values: list[object], field: str, grid: Grid) -> NDArray[np.int64]:

@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from app.schemas.common import Answer, Form, Text, TimeIn, TimeOut
+from app.schemas.common import Answer, Form, Text, TimeIn, TimeOut, shown
 from app.schemas.locations import Confidence, EstimatorName
 
 Rule = Literal["surprise", "paper"]
@@ -38,6 +38,10 @@ class Event(Answer):
 class DetectForm(Form):
     """Which part of the history to search for anomalies."""
 
+    model_config = shown(
+        {"start": "2026-02-23T00:00:00Z", "stop": "2026-03-02T00:00:00Z", "confidence": 0.95, "rule": "surprise"}
+    )
+
     start: TimeIn
     stop: TimeIn
     confidence: Confidence | None = Field(None, description="Default: the location's.")
@@ -48,6 +52,8 @@ class DetectForm(Form):
 
 class AcknowledgeForm(Form):
     """An operator has seen an event."""
+
+    model_config = shown({"note": "The cleaners came early."})
 
     note: Text | None = Field(None, max_length=2000)
 

@@ -2,7 +2,7 @@
 
 import math
 from datetime import UTC, datetime
-from typing import Annotated, Generic, TypeVar
+from typing import Annotated, Any, Generic, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -98,6 +98,11 @@ class Form(BaseModel):
     """What a client sends: unknown fields, NaN and infinity are errors."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+def shown(*examples: dict[str, Any]) -> ConfigDict:
+    """Configuration of a form that shows these examples in the API's document."""
+    return ConfigDict(json_schema_extra={"examples": list(examples)})
 
 
 class Answer(BaseModel):

@@ -4,7 +4,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from app.schemas.common import Answer, Form, TimeIn, TimeOut
+from app.schemas.common import Answer, Form, TimeIn, TimeOut, shown
 from app.schemas.locations import EstimatorChoice, OrderChoice
 
 JobState = Literal["queued", "running", "done", "failed", "cancelled"]
@@ -12,6 +12,8 @@ JobState = Literal["queued", "running", "done", "failed", "cancelled"]
 
 class UpdateForm(Form):
     """Refit a location; what is left out is the location's own setting, and the window chosen by the service."""
+
+    model_config = shown({"estimator": "fft", "order": 15}, {})
 
     start: TimeIn | None = None
     stop: TimeIn | None = None

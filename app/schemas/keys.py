@@ -4,13 +4,15 @@ from typing import Literal
 
 from pydantic import Field
 
-from app.schemas.common import Answer, Form, Text, TimeOut
+from app.schemas.common import Answer, Form, Text, TimeOut, shown
 
 Role = Literal["robot", "operator", "admin"]
 
 
 class KeyForm(Form):
     """A new key."""
+
+    model_config = shown({"name": "cleaning robot 3", "role": "robot"})
 
     name: Text = Field(min_length=1, max_length=128)
     role: Role

@@ -6,7 +6,7 @@ from zoneinfo import ZoneInfo
 
 from pydantic import AfterValidator, Field, model_validator
 
-from app.schemas.common import FARTHEST_S, NAME_PATTERN, Answer, Form, Text, TimeIn, TimeOut
+from app.schemas.common import FARTHEST_S, NAME_PATTERN, Answer, Form, Text, TimeIn, TimeOut, shown
 
 Kind = Literal["state", "grid2d", "grid3d"]
 EstimatorName = Literal["fft", "static"]
@@ -46,6 +46,17 @@ class Grid(Form):
 class LocationForm(Form):
     """A new location."""
 
+    model_config = shown(
+        {"name": "office-door", "kind": "state", "interval_s": 60, "time_zone": "Europe/London"},
+        {
+            "name": "lab",
+            "kind": "grid3d",
+            "interval_s": 300,
+            "grid": {"frame": "map", "origin": [0, 0, 0], "resolution_m": 0.2, "shape": [60, 40, 12]},
+            "confidence": 0.9,
+        },
+    )
+
     name: str = Field(pattern=NAME_PATTERN, examples=["office-door"])
     kind: Kind = "state"
     interval_s: float = Field(ge=0.001, le=31 * 86400, description="Length of a sample in seconds.", examples=[60])
@@ -82,6 +93,8 @@ class LocationForm(Form):
 
 class LocationPatch(Form):
     """What may be changed later; the time base and the grid stay as they are."""
+
+    model_config = shown({"name": "front-door", "confidence": 0.95})
 
     name: str | None = Field(None, pattern=NAME_PATTERN)
     time_zone: TimeZone | None = None

@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from app.schemas.common import Answer, Form, TimeIn, TimeOut
+from app.schemas.common import Answer, Form, TimeIn, TimeOut, shown
 from app.schemas.locations import Confidence, EstimatorName
 
 Verdict = Literal["occupied", "free", "uncertain"]
@@ -29,6 +29,8 @@ class State(Answer):
 
 class PredictForm(Form):
     """Ask for many times (and some cells) at once."""
+
+    model_config = shown({"time": ["2026-03-02T09:00:00Z", 1772442000], "cell": [0], "confidence": 0.9})
 
     time: list[TimeIn] = Field(min_length=1)
     cell: list[int] | None = None
@@ -133,6 +135,11 @@ class EvaluateForm(Form):
 
     Each candidate is fitted on the window of the current revision, or on [train_start, train_stop).
     """
+
+    model_config = shown(
+        {"start": "2026-02-23T00:00:00Z", "stop": "2026-03-02T00:00:00Z", "orders": [0, 1, 2, 3, 5, 10, 15]},
+        {"time": [1772442000, "2026-03-02T21:00:00Z"], "state": [1, 0], "orders": [2], "estimators": ["fft"]},
+    )
 
     start: TimeIn | None = None
     stop: TimeIn | None = None

@@ -1,5 +1,6 @@
 """Anomalies: judging measurements, grouping the surprising ones into events, listing and acknowledging events."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,7 @@ from app.spectral.measurements import Measurements
 from app.spectral.prediction import predict, predict_times
 from app.storage.anomalies import EventFilter
 from app.storage.records import CHUNK_CELLS, AnomalyRecord, LocationRecord
+from app.storage.work import Work
 
 MAX_MARKS = 2_000_000
 """Surprising cells that one search may find."""
@@ -133,7 +135,14 @@ def detect(ctx: Context, name: str, query: DetectQuery) -> tuple[list[Event], in
     criterion = Criterion(confidence, query.rule, model.revision.revision)
     first, last = window(ctx, place)
     start, stop = max(first, int(place.base.sample(query.start))), min(last, _ceiling(place, query.stop))
-    parts = [_search(ctx, model, chunk, start, stop, criterion) for chunk in range(place.n_chunks)]
+    parts: list[Marks] = []
+    found = 0
+    for chunk in range(place.n_chunks):
+        for part in _search(ctx, model, chunk, start, stop, criterion):
+            parts.append(part)
+            found += len(part.cell)
+            if found > MAX_MARKS:
+                raise InvalidInputError.at("stop", "more than two million anomalous cells; search a shorter time")
     marks = _joined(parts)
     return [wire(place, event) for event in group(place, marks, criterion)], model.revision.revision
 
@@ -144,11 +153,11 @@ def _ceiling(place: LocationRecord, time: float) -> int:
     return sample if float(place.base.time(sample)) == time else sample + 1
 
 
-def _search(ctx: Context, model: Fitted, chunk: int, start: int, stop: int, criterion: Criterion) -> Marks:
+def _search(ctx: Context, model: Fitted, chunk: int, start: int, stop: int, criterion: Criterion) -> Iterator[Marks]:
+    """The marks of a chunk, block by block of time."""
     place = model.place
     size = place.chunk_size(chunk)
     step = max(1, BLOCK_VALUES // size)
-    parts = []
     for low in range(start, stop, step):
         high = min(low + step, stop)
         states = read_history(ctx, place.name, chunk, low, high).states()
@@ -156,10 +165,7 @@ def _search(ctx: Context, model: Fitted, chunk: int, start: int, stop: int, crit
         probability = predict_times(model.spectrum, place.base.time(np.arange(low, high)), cells)
         marked = (states != UNOBSERVED) & is_anomalous(probability, states, criterion.confidence, criterion.rule)
         row, column = np.nonzero(marked)
-        parts.append(Marks(low + column, cells[row], states[row, column], probability[row, column]))
-        if sum(len(part.cell) for part in parts) > MAX_MARKS:
-            raise InvalidInputError.at("stop", "more than two million anomalous cells; search a shorter time")
-    return _joined(parts)
+        yield Marks(low + column, cells[row], states[row, column], probability[row, column])
 
 
 def _joined(parts: list[Marks]) -> Marks:
@@ -203,10 +209,12 @@ def list_events(ctx: Context, query: EventQuery) -> list[Event]:
 
 def acknowledge(ctx: Context, anomaly_id: int, by: str, note: str | None) -> Event:
     """Raises AnomalyNotFoundError."""
-    record = ctx.store.write(lambda work: work.anomalies.acknowledge(anomaly_id, by, ctx.clock(), note))
-    with ctx.store.read() as work:
-        places = {each.id: each for each in work.locations.list()}
-    return wire(places[record.location_id], record)
+
+    def run(work: Work) -> tuple[LocationRecord, AnomalyRecord]:
+        record = work.anomalies.acknowledge(anomaly_id, by, ctx.clock(), note)
+        return next(each for each in work.locations.list() if each.id == record.location_id), record
+
+    return wire(*ctx.store.write(run))
 
 
 def wire(place: LocationRecord, record: AnomalyRecord) -> Event:

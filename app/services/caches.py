@@ -2,6 +2,7 @@
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
+from dataclasses import dataclass
 from threading import Lock
 from typing import Generic, TypeVar
 
@@ -15,33 +16,46 @@ class ByteCache(Generic[Value]):
         self._limit = limit
         self._size_of = size_of
         self._lock = Lock()
-        self._values: OrderedDict[Hashable, tuple[Value, int]] = OrderedDict()
+        self._entries: OrderedDict[Hashable, _Entry[Value]] = OrderedDict()
         self._bytes = 0
 
-    def get(self, key: Hashable, load: Callable[[], Value]) -> Value:
-        """The value of `key`; loaded, outside of any lock, where it is not held."""
+    def get(self, key: Hashable, version: Hashable, load: Callable[[], Value]) -> Value:
+        """The value of `key` in this version; loaded, outside of any lock, where it is not held.
+
+        One version of a key is held at a time, so that what is out of date takes no room.
+        """
         with self._lock:
-            if key in self._values:
-                self._values.move_to_end(key)
-                return self._values[key][0]
+            entry = self._entries.get(key)
+            if entry is not None and entry.version == version:
+                self._entries.move_to_end(key)
+                return entry.value
         value = load()
-        self._put(key, value)
+        self._put(key, _Entry(version, value, self._size_of(value)))
         return value
 
     def drop(self, condition: Callable[[Hashable], bool]) -> None:
         """Forget the values whose key meets the condition."""
         with self._lock:
-            for key in [key for key in self._values if condition(key)]:
-                self._bytes -= self._values.pop(key)[1]
+            for key in [key for key in self._entries if condition(key)]:
+                self._remove(key)
 
-    def _put(self, key: Hashable, value: Value) -> None:
-        size = self._size_of(value)
-        if size > self._limit:
-            return
+    def _put(self, key: Hashable, entry: "_Entry[Value]") -> None:
         with self._lock:
-            if key in self._values:
-                self._bytes -= self._values.pop(key)[1]
-            self._values[key] = (value, size)
-            self._bytes += size
+            self._remove(key)
+            if entry.size > self._limit:
+                return
+            self._entries[key] = entry
+            self._bytes += entry.size
             while self._bytes > self._limit:
-                self._bytes -= self._values.popitem(last=False)[1][1]
+                self._remove(next(iter(self._entries)))
+
+    def _remove(self, key: Hashable) -> None:
+        entry = self._entries.pop(key, None)
+        self._bytes -= entry.size if entry is not None else 0
+
+
+@dataclass(frozen=True, slots=True)
+class _Entry(Generic[Value]):
+    version: Hashable
+    value: Value
+    size: int

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 
 from sqlalchemy.exc import SQLAlchemyError
 
+from app.errors import SchemaVersionError
 from app.services.context import Context
 
 
@@ -11,8 +12,9 @@ def problems(ctx: Context, alive: Mapping[str, Callable[[], bool]]) -> list[str]
     """In words, empty when all is well; `alive` tells of the parts that run in the background."""
     found = [f"the {name} is not running" for name, check in alive.items() if not check()]
     try:
-        with ctx.store.read() as work:
-            work.keys.count()
+        ctx.store.check_schema()
+    except SchemaVersionError as error:
+        found.append(str(error))
     except SQLAlchemyError as error:
         found.append(f"the database does not answer: {type(error).__name__}")
     return found

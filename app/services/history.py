@@ -1,20 +1,24 @@
 """The history of locations: reading it (compacted segments and the log's tail together) and compacting the log."""
 
+from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.services.context import Context
-from app.spectral.history import History
+from app.spectral.history import NEVER, UNOBSERVED, History
 from app.spectral.measurements import Measurements
 from app.spectral.segment import SEGMENT_SAMPLES, Segment, merge
+from app.storage.blobs import pack_segment
 from app.storage.observations import SegmentKey
 from app.storage.records import CHUNK_CELLS, LocationRecord
 from app.storage.work import Work
 
 COMPACT_MEASUREMENTS = 4_000_000
 """Measurements that one round of compaction takes from the log: what bounds its memory."""
+CHUNK_BITS = 1 << 27
+"""Cells times samples of a chunk that are held at once: one measurement of 1970 must not fill the memory."""
 
 
 def span(place: LocationRecord) -> tuple[int, int]:
@@ -25,9 +29,10 @@ def span(place: LocationRecord) -> tuple[int, int]:
 
 
 def window(ctx: Context, place: LocationRecord) -> tuple[int, int]:
-    """The part of `span` that is modelled: its latest `max_samples` samples."""
+    """The part of `span` that is modelled: its latest `max_samples` samples, fewer where a chunk would be too large."""
     start, stop = span(place)
-    return max(start, stop - ctx.settings.max_samples), stop
+    most = min(ctx.settings.max_samples, CHUNK_BITS // min(place.n_cells, CHUNK_CELLS))
+    return max(start, stop - most), stop
 
 
 def read_history(ctx: Context, name: str, chunk: int, start: int, stop: int) -> History:
@@ -37,19 +42,42 @@ def read_history(ctx: Context, name: str, chunk: int, start: int, stop: int) -> 
         held = place.hold_samples
         history = _stored(ctx, work, place, chunk, start - (held or 0), stop)
     if held is not None:
-        history = history.hold(held)
+        history = history.window(history.start, max(history.stop, stop)).hold(held)
     return history.window(start, stop)
-
-
-def read_known(ctx: Context, name: str, chunk: int, start: int, stop: int) -> History:
-    """What was measured in one chunk over samples [start, stop) and, uncopied, in those around them."""
-    with ctx.store.read() as work:
-        return _stored(ctx, work, work.locations.get(name), chunk, start, stop)
 
 
 def read_cell(ctx: Context, place: LocationRecord, cell: int, start: int, stop: int) -> History:
     """The history of one cell over samples [start, stop)."""
     return read_history(ctx, place.name, cell // CHUNK_CELLS, start, stop).cells(np.array([cell % CHUNK_CELLS]))
+
+
+def last_seen(
+    ctx: Context, place: LocationRecord, sample: int, cells: NDArray[np.int64]
+) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+    """State and sample of the latest measurement at or before `sample`, of some cells (ascending).
+
+    UNOBSERVED and NEVER where there is none. Reads segments backwards, as far as some cell has not been found.
+    """
+    state = np.full(len(cells), UNOBSERVED, np.uint8)
+    seen = np.full(len(cells), NEVER, np.int64)
+    start, stop = window(ctx, place)
+    borders = np.searchsorted(cells, np.arange(place.n_chunks + 1) * CHUNK_CELLS)
+    for chunk in np.flatnonzero(np.diff(borders)).tolist():
+        missing = np.arange(borders[chunk], borders[chunk + 1])
+        end = min(sample + 1, stop)
+        while end > start and len(missing):
+            begin = max(start, (end - 1) // SEGMENT_SAMPLES * SEGMENT_SAMPLES)
+            found, at = _read_known(ctx, place, chunk, begin, end).last_seen(sample)
+            local = cells[missing] - chunk * CHUNK_CELLS
+            state[missing], seen[missing] = found[local], at[local]
+            missing, end = missing[seen[missing] == NEVER], begin
+    return state, seen
+
+
+def _read_known(ctx: Context, place: LocationRecord, chunk: int, start: int, stop: int) -> History:
+    """What was measured in one chunk over samples [start, stop) and, uncopied, in those around them."""
+    with ctx.store.read() as work:
+        return _stored(ctx, work, work.locations.get(place.name), chunk, start, stop)
 
 
 def _stored(ctx: Context, work: Work, place: LocationRecord, chunk: int, start: int, stop: int) -> History:
@@ -59,18 +87,17 @@ def _stored(ctx: Context, work: Work, place: LocationRecord, chunk: int, start: 
     if stop <= start:
         return History.empty(place.chunk_size(chunk), start, 0)
     first, last = start // SEGMENT_SAMPLES, (stop - 1) // SEGMENT_SAMPLES
-    key = (place.id, chunk, first, last, place.compacted_seq, place.observation_seq)
-    return ctx.histories.get(key, partial(_assemble, ctx, work, place, chunk, first, last))
+    version = (place.compacted_seq, place.observation_seq)
+    load = partial(_assemble, ctx, work, place, chunk, first, last)
+    return ctx.histories.get((place.id, chunk, first, last), version, load)
 
 
 def _assemble(ctx: Context, work: Work, place: LocationRecord, chunk: int, first: int, last: int) -> History:
     segments = work.observations.segments(place, chunk, first, last)
-    tail = _tail(ctx, work, place)
-    numbers = place.base.sample(tail.time) // SEGMENT_SAMPLES
-    mine = (tail.cell // CHUNK_CELLS == chunk) & (numbers >= first) & (numbers <= last)
-    for number in np.unique(numbers[mine]).tolist():
-        before = segments.get(number) or Segment.empty(place.chunk_size(chunk), number)
-        segments[number] = merge(before, _local(tail, mine & (numbers == number)), place.base)
+    for number, new in _by_segment(place, _of_chunk(_tail(ctx, work, place), chunk)):
+        if first <= number <= last:
+            before = segments.get(number) or Segment.empty(place.chunk_size(chunk), number)
+            segments[number] = merge(before, new, place.base)
     whole = History.empty(place.chunk_size(chunk), first * SEGMENT_SAMPLES, (last - first + 1) * SEGMENT_SAMPLES)
     for number, segment in segments.items():
         bytes_ = slice((number - first) * SEGMENT_SAMPLES // 8, (number - first + 1) * SEGMENT_SAMPLES // 8)
@@ -80,14 +107,32 @@ def _assemble(ctx: Context, work: Work, place: LocationRecord, chunk: int, first
 
 
 def _tail(ctx: Context, work: Work, place: LocationRecord) -> Measurements:
-    key = (place.id, place.compacted_seq, place.observation_seq)
-    return ctx.tails.get(key, lambda: Measurements.concatenate([part for _, part in work.observations.tail(place)]))
+    """What is not compacted yet, chunk by chunk."""
+    version = (place.compacted_seq, place.observation_seq)
+    return ctx.tails.get(place.id, version, lambda: _by_chunk([part for _, part in work.observations.tail(place)]))
 
 
-def _local(measurements: Measurements, rows: NDArray[np.generic]) -> Measurements:
-    """Some measurements of one chunk, their cells counted from its first."""
-    some = measurements.select(rows)
-    return Measurements(some.time, some.cell % np.uint32(CHUNK_CELLS), some.state)
+def _by_chunk(parts: list[Measurements]) -> Measurements:
+    """All parts, sorted by chunk and within it in their given order."""
+    every = Measurements.concatenate(parts)
+    chunks = every.cell // np.uint32(CHUNK_CELLS)
+    return every if not chunks.any() else every.select(np.argsort(chunks, kind="stable"))
+
+
+def _of_chunk(sorted_: Measurements, chunk: int) -> Measurements:
+    """Those of one chunk, their cells counted from its first."""
+    # The cells are not sorted, but on which side of a chunk's border they lie is.
+    borders = np.array([chunk, chunk + 1], np.uint32) * np.uint32(CHUNK_CELLS)
+    some = sorted_.select(slice(*np.searchsorted(sorted_.cell, borders)))
+    return Measurements(some.time, some.cell - borders[0], some.state)
+
+
+def _by_segment(place: LocationRecord, measurements: Measurements) -> Iterator[tuple[int, Measurements]]:
+    """The measurements of each segment, by its number."""
+    numbers = measurements.samples(place.base) // SEGMENT_SAMPLES
+    present = np.unique(numbers).tolist()
+    for number in present:
+        yield number, measurements if len(present) == 1 else measurements.select(numbers == number)
 
 
 def compact(ctx: Context, name: str) -> None:
@@ -111,32 +156,22 @@ def forget(ctx: Context, name: str) -> None:
 
 
 def _compact_some(ctx: Context, name: str, target: int) -> bool:
-    """One round; whether there is more to do."""
+    """One round; whether there may be more to do."""
     with ctx.store.read() as work:
         place = work.locations.get(name)
         if place.compacted_seq >= target:
             return False
         parts = work.observations.tail(place, COMPACT_MEASUREMENTS)
-        measurements = Measurements.concatenate([part for _, part in parts])
-        merged = _merge_all(work, place, measurements)
-    through = parts[-1][0]
+        through = parts[-1][0]
+        merged = dict(_merge_all(work, place, _by_chunk([part for _, part in parts])))
     ctx.store.write(lambda work: work.observations.compact(place, through, merged))
-    return through < target
+    return True
 
 
-def _merge_all(work: Work, place: LocationRecord, measurements: Measurements) -> dict[SegmentKey, Segment]:
-    numbers = place.base.sample(measurements.time) // SEGMENT_SAMPLES
-    chunks = (measurements.cell // CHUNK_CELLS).astype(np.int64)
-    low = int(numbers.min(initial=0))
-    width = int(numbers.max(initial=0)) - low + 1
-    keys = chunks * width + (numbers - low)
-    order = np.argsort(keys, kind="stable")
-    bounds = np.flatnonzero(np.diff(keys[order], prepend=-1, append=-1) != 0)
-    merged: dict[SegmentKey, Segment] = {}
-    for begin, end in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
-        chunk, number = divmod(int(keys[order[begin]]), width)
-        number += low
-        before = work.observations.segments(place, chunk, number, number).get(number)
-        segment = before or Segment.empty(place.chunk_size(chunk), number)
-        merged[chunk, number] = merge(segment, _local(measurements, order[begin:end]), place.base)
-    return merged
+def _merge_all(work: Work, place: LocationRecord, measurements: Measurements) -> Iterator[tuple[SegmentKey, bytes]]:
+    """The segments that the measurements (sorted by chunk) change, packed; one at a time is held unpacked."""
+    for chunk in np.unique(measurements.cell // np.uint32(CHUNK_CELLS)).tolist():
+        for number, new in _by_segment(place, _of_chunk(measurements, chunk)):
+            before = work.observations.segments(place, chunk, number, number).get(number)
+            segment = before or Segment.empty(place.chunk_size(chunk), number)
+            yield (chunk, number), pack_segment(merge(segment, new, place.base))

@@ -3,9 +3,17 @@
 import json
 import logging
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict
 
-from app.errors import JobFinishedError, JobNotFoundError, TidemapError, refuse_reversed
+from app.errors import (
+    BusyError,
+    JobFinishedError,
+    JobNotFoundError,
+    ShuttingDownError,
+    TidemapError,
+    refuse_reversed,
+)
 from app.events.messages import Message
 from app.schemas.jobs import Job
 from app.services.context import Context
@@ -65,9 +73,11 @@ def requeue_interrupted(ctx: Context) -> None:
 
 
 def run_job(ctx: Context, record: JobRecord, executor: Executor) -> None:
-    """Run a claimed job to its end, whatever that is."""
+    """Run a claimed job to its end, whatever that is. ShuttingDownError leaves it running, to run again later."""
     try:
         revision = run_update(ctx, record.location, UpdateRequest(**record.request), executor, _reporter(ctx, record))
+    except ShuttingDownError:
+        raise
     except TidemapError as error:
         _finish(ctx, record, state="failed", error=str(error))
     except Exception as error:
@@ -86,7 +96,8 @@ def _reporter(ctx: Context, record: JobRecord) -> Callable[[float], None]:
         nonlocal reported
         if progress - reported >= PROGRESS_STEP and progress < 1:
             reported = progress
-            ctx.store.submit(lambda work: work.jobs.progress(record.id, progress))
+            with suppress(BusyError):
+                ctx.store.submit(lambda work: work.jobs.progress(record.id, progress))
 
     return report
 

@@ -77,7 +77,7 @@ def by_session(ctx: Context, token: str) -> Principal:
     """Who holds a session token. Raises UnauthorizedError when it is forged, expired or its key revoked."""
     claim, _, signature = token.rpartition(".")
     key_id, _, expires = claim.partition(".")
-    if not (key_id.isascii() and key_id.isdigit() and expires.isascii() and expires.isdigit()):
+    if not (token.isascii() and key_id.isdigit() and expires.isdigit()):
         raise UnauthorizedError("This session is not known. Sign in again.")
     with ctx.store.read() as work:
         record = work.keys.get(int(key_id[:18]))

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from app.errors import CellNotFoundError, InvalidInputError, refuse_reversed
 from app.services.context import Context
-from app.services.history import read_cell, read_known, window
+from app.services.history import last_seen, read_cell, window
 from app.services.spectra import Fitted, fitted
 from app.spectral.history import NEVER, UNOBSERVED
 from app.spectral.prediction import entropy, predict, predict_times, state, verdict
@@ -92,15 +92,7 @@ def _last_seen(
     ctx: Context, place: LocationRecord, time: float, cell: NDArray[np.int64]
 ) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
     """State and time of the latest measurement at or before `time`, for some cells."""
-    sample = int(place.base.sample(time))
-    start, stop = window(ctx, place)
-    states, samples = [], []
-    for chunk in range(place.n_chunks):
-        history = read_known(ctx, place.name, chunk, start, stop)
-        seen, at = history.last_seen(sample)
-        states.append(seen)
-        samples.append(at)
-    state_of, sample_of = np.concatenate(states)[cell], np.concatenate(samples)[cell]
+    state_of, sample_of = last_seen(ctx, place, int(place.base.sample(time)), cell)
     times = np.where(sample_of == NEVER, np.nan, place.base.time(np.where(sample_of == NEVER, 0, sample_of)))
     return state_of, times
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from functools import partial
 
-from app.errors import NoModelError
+from app.errors import CorruptChunkError, NoModelError
 from app.services.context import Context
 from app.services.history import read_history
 from app.spectral.estimators import fit
@@ -26,10 +26,18 @@ def fitted(ctx: Context, name: str, estimator: str | None = None, order: int | N
     Raises LocationNotFoundError, NoModelError. A refit reads the window's history; its result is cached.
     """
     place, revision = current_revision(ctx, name)
-    wanted = _wanted(revision, estimator, order)
-    key = (place.id, revision.revision, wanted.estimator, wanted.order)
-    spectrum = ctx.spectra.get(key, partial(_load, ctx, place, revision, wanted))
-    return Fitted(place, wanted, spectrum)
+    while True:
+        wanted = _wanted(revision, estimator, order)
+        key = (place.id, wanted.estimator, wanted.order)
+        load = partial(_load, ctx, place, revision, wanted)
+        try:
+            return Fitted(place, wanted, ctx.spectra.get(key, revision.revision, load))
+        except CorruptChunkError:
+            before = revision
+            place, revision = current_revision(ctx, name)
+            if revision.revision == before.revision:
+                raise
+            # An update took its place, and its chunks away, before they were loaded.
 
 
 def current_revision(ctx: Context, name: str) -> tuple[LocationRecord, RevisionRecord]:

@@ -3,19 +3,32 @@
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
+from app.spectral.calendar import fit_calendar
 from app.spectral.history import History
+from app.spectral.recipe import Recipe
 from app.spectral.spectrum import Spectrum
 from app.spectral.static import fit_static
 from app.spectral.timebase import TimeBase
 from app.spectral.transform import fit_fft
 
-Fit = Callable[[History, int, TimeBase], Spectrum]
+Fit = Callable[[History, Recipe, TimeBase], Spectrum]
 
-ESTIMATORS: Mapping[str, Fit] = MappingProxyType({"fft": fit_fft, "static": fit_static})
+ESTIMATORS: Mapping[str, Fit] = MappingProxyType(
+    {
+        "calendar": fit_calendar,
+        "fft": lambda history, recipe, base: fit_fft(history, recipe.order, base),
+        "static": lambda history, recipe, base: fit_static(history, recipe.order, base),
+    }
+)
+
+
+def fit_recipe(history: History, recipe: Recipe, base: TimeBase) -> Spectrum:
+    """The spectrum of a history over its whole window; ValueError on an unknown estimator."""
+    if recipe.estimator not in ESTIMATORS:
+        raise ValueError(f"unknown estimator {recipe.estimator!r}; known are {', '.join(ESTIMATORS)}")
+    return ESTIMATORS[recipe.estimator](history, recipe, base)
 
 
 def fit(history: History, estimator: str, order: int, base: TimeBase) -> Spectrum:
-    """The spectrum of a history over its whole window; ValueError on an unknown estimator."""
-    if estimator not in ESTIMATORS:
-        raise ValueError(f"unknown estimator {estimator!r}; known are {', '.join(ESTIMATORS)}")
-    return ESTIMATORS[estimator](history, order, base)
+    """As `fit_recipe` with nothing but a name and an order: `calendar` in UTC and with its usual priors."""
+    return fit_recipe(history, Recipe(estimator, order), base)

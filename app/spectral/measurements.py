@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from app.spectral.timebase import TimeBase
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measurements:
@@ -20,6 +22,17 @@ class Measurements:
     def select(self, rows: NDArray[np.generic] | slice) -> "Measurements":
         """The measurements of some rows (a mask, indices or a slice)."""
         return Measurements(self.time[rows], self.cell[rows], self.state[rows])
+
+    def heads(self) -> NDArray[np.int64]:
+        """Where runs of equal times begin: many measurements are made at one time, and what follows is done once."""
+        changed = np.ones(len(self), np.bool_)
+        np.not_equal(self.time[1:], self.time[:-1], out=changed[1:])
+        return np.flatnonzero(changed)
+
+    def samples(self, base: TimeBase) -> NDArray[np.int64]:
+        """The sample of each measurement."""
+        heads = self.heads()
+        return np.repeat(base.sample(self.time[heads]), np.diff(heads, append=len(self)))
 
     @classmethod
     def concatenate(cls, parts: "list[Measurements]") -> "Measurements":

@@ -81,7 +81,11 @@ def predict_slow(spectrum: Spectrum, time: ArrayLike, cells: ArrayLike | None = 
 
 def phasors(spectrum: Spectrum, time: NDArray[np.float64]) -> NDArray[np.complex64]:
     """2 · gate(t) · exp(2πi · frequency · τ(t)), (n_waves, n_times) complex64, computed in float64."""
-    tau_s = tau(spectrum, time)
+    return tau_phasors(spectrum, tau(spectrum, time))
+
+
+def tau_phasors(spectrum: Spectrum, tau_s: NDArray[np.float64]) -> NDArray[np.complex64]:
+    """The same at times that are given as τ."""
     table = np.empty((spectrum.n_waves, tau_s.size), np.complex64)
     kernels.turns(spectrum.frequency_hz, tau_s, table)
     table *= np.float32(2)

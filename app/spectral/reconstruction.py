@@ -7,7 +7,7 @@ same bit for bit whichever span it was asked with: what was stored as an outlier
 import numpy as np
 from numpy.typing import NDArray
 
-from app.spectral import kernels
+from app.spectral import kernels, weekly
 from app.spectral.bits import ALL, WORD, blocks
 from app.spectral.prediction import TABLE_SIZE, phasors
 from app.spectral.spectrum import Spectrum
@@ -28,6 +28,8 @@ def predicted_words(spectrum: Spectrum, base: TimeBase, start: int, stop: int) -
     if spectrum.cell.size and spectrum.order:
         if spectrum.time_zone is None and not spectrum.gate.any():
             _fill_uniform(spectrum, base, first, threshold, words)
+        elif week := weekly.clock(spectrum, base):
+            weekly.fill_weekly(spectrum, base, week, first, threshold, words)
         else:
             _fill(spectrum, base, first, threshold, words)
     return words

@@ -43,10 +43,10 @@ def merge(segment: Segment, measurements: Measurements, base: TimeBase) -> Segme
     O(measurements), and where a sample holds several times + n_cells x n_samples.
     """
     start, n_samples = segment.history.start, segment.history.n_samples
-    sample = base.sample(measurements.time) - start
+    sample = measurements.samples(base) - start
     if len(sample) and (sample.min() < 0 or sample.max() >= n_samples):
         raise ValueError("a measurement lies outside of the segment")
-    heads = np.flatnonzero(np.diff(measurements.time, prepend=np.nan) != 0)
+    heads = measurements.heads()
     table = np.union1d(segment.time, measurements.time[heads])
     first = np.searchsorted(base.sample(table) - start, np.arange(n_samples + 1))
     history = segment.history

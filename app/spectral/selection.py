@@ -1,4 +1,4 @@
-"""Selection: `auto`, the choice of estimator and order by forward chaining on a history."""
+"""Selection: `auto`, the choice of estimator, order and priors by what predicted a history's own days best."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -7,25 +7,29 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from app.spectral import folding, trials
+from app.spectral.blending import FEW_CELLS, MARGIN, TRUST, Blend, blend, grid
 from app.spectral.estimators import fit
-from app.spectral.evaluation import score
+from app.spectral.evaluation import Scores
 from app.spectral.history import History
 from app.spectral.prediction import predict_times
+from app.spectral.recipe import PRIORS, Prior, Recipe
 from app.spectral.spectrum import truncate
 from app.spectral.timebase import TimeBase
+from app.spectral.trials import MOST_TRIALS, Task
 from app.spectral.window import DAY_S, fit_window
 
 MIN_DAYS = 2
-FOLDS = 3
 MAX_SAMPLES = 1 << 22
-"""Samples, cells times length, that are fitted in a fold: what bounds the cost."""
-MAX_TIMES = 4096
-"""Times of a fold that are scored, spread evenly."""
+"""Samples, cells times length, that are transformed in a trial."""
+MAX_FITS = 1 << 13
+"""Fits of `calendar` over all trials, priors and cells: with MAX_SAMPLES what bounds the cost."""
+CALENDAR_ORDERS = (16, 32, 64)
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """How one candidate did, over all folds: see `evaluation.Scores`."""
+    """How one candidate did, over all trials: see `trials.scores`; n counts visits to quarters of an hour."""
 
     estimator: str
     order: int
@@ -44,15 +48,13 @@ class Selection:
     table: tuple[Row, ...]
     reason: str
     cells: int
+    time_zone: str = "UTC"
+    priors: tuple[Prior, ...] = PRIORS
 
-
-@dataclass(frozen=True, slots=True)
-class Fold:
-    """Fitted to samples [start, split), scored on [split, stop)."""
-
-    start: int
-    split: int
-    stop: int
+    @property
+    def recipe(self) -> Recipe:
+        """What to fit all cells by."""
+        return Recipe(self.estimator, self.order, self.time_zone, self.priors)
 
 
 def choose(
@@ -60,89 +62,130 @@ def choose(
     base: TimeBase,
     orders: Sequence[int] = (1, 2, 3, 5, 10, 15),
     max_cells: int = 64,
+    time_zone: str | None = None,
+    estimator: str = "auto",
 ) -> Selection:
-    """The candidate with the least log loss on samples later than those it was fitted to.
+    """The candidate with the least log loss on days it was not fitted to.
 
-    Up to three folds, the latest days of the history; cells that change, spread evenly over all of
-    them, pooled. The same history always gives the same choice. Of equal candidates the simpler
-    one. Cost is bounded: at most MAX_SAMPLES are fitted and max_cells · MAX_TIMES scored per fold.
+    Histories under two weeks are tried by leaving out days, longer ones by predicting the later half
+    in parts of up to a week, each from all before it. Cells that change, spread evenly over all of
+    them, pooled. The same history always gives the same choice; of equal candidates the simpler one.
+    `calendar` is tried where a time zone is given. Of a single order that is the order of all; of
+    several they are those of `fft`. Another `estimator` than auto leaves only the rest open.
     """
     days = math.floor(history.n_samples * base.interval_s / DAY_S + 1e-9)
     if days < MIN_DAYS:
-        return Selection("static", 0, (), f"less than {MIN_DAYS} days of history: the mean is all it tells", 0)
-    recent = history.window(max(history.start, history.stop - MAX_SAMPLES), history.stop)
-    changing = _changing(recent, max(1, min(max_cells, MAX_SAMPLES // recent.n_samples)))
+        few = f"less than {MIN_DAYS} days of history: the mean is all it tells"
+        return _without(estimator, orders, time_zone, few)
+    recent = folding.recent(history, base)
+    recent = recent.window(max(recent.start, recent.stop - MAX_SAMPLES), recent.stop)
+    changing = _changing(recent, max_cells, time_zone, days)
     if not changing.size:
-        return Selection("static", 0, (), "no cell has changed", 0)
-    folds = _folds(recent, base)
-    if not folds:
-        return Selection("static", 0, (), "too many samples a day to try anything", 0)
-    table = _table(recent.cells(changing), base, folds, sorted(set(orders)))
-    scored = [row for row in table if row.n]
-    if not scored:
-        return Selection("static", 0, table, "nothing was observed on the days to be predicted", changing.size)
-    best = min(scored, key=lambda row: row.log_loss)
-    return Selection(best.estimator, best.order, table, _reason(best, len(table), folds, base), changing.size)
+        return _without(estimator, orders, time_zone, "no cell has changed")
+    most = MOST_TRIALS if changing.size <= FEW_CELLS else MOST_TRIALS // 2
+    task = trials.task(recent.cells(changing), base, time_zone or "UTC", most)
+    mixed = blend(task) if time_zone is not None and estimator in ("auto", "calendar") else None
+    table = tuple(_table(task, sorted(set(orders)), mixed, estimator))
+    return _decide(table, task, mixed, time_zone, estimator, orders)
 
 
-def _changing(history: History, most: int) -> NDArray[np.int64]:
+def _without(
+    estimator: str,
+    orders: Sequence[int],
+    time_zone: str | None,
+    reason: str,
+    table: tuple[Row, ...] = (),
+    cells: int = 0,
+) -> Selection:
+    """The mean, or what was asked for at its least order, as nothing could be tried."""
+    if estimator in ("auto", "static"):
+        return Selection("static", 0, table, reason, cells, time_zone or "UTC")
+    order = orders[0] if len(orders) == 1 or estimator == "fft" else CALENDAR_ORDERS[0]
+    return Selection(estimator, order, table, reason, cells, time_zone or "UTC")
+
+
+def _changing(history: History, most: int, time_zone: str | None, days: int) -> NDArray[np.int64]:
+    """Cells that changed, evenly spread, as many as the cost allows."""
     occupied, observed = history.count_occupied(), history.count_observed()
     changing = np.flatnonzero((occupied > 0) & (occupied < observed))
-    if changing.size <= most:
-        return changing
-    return changing[np.arange(most) * changing.size // most]
+    most = min(most, MAX_SAMPLES // history.n_samples)
+    if time_zone is not None:
+        fits = len(grid(days)[0]) * MOST_TRIALS
+        most = min(most, max(FEW_CELLS, 2 * MAX_FITS // fits))
+    most = max(1, most)
+    return changing if changing.size <= most else changing[np.arange(most) * changing.size // most]
 
 
-def _folds(history: History, base: TimeBase) -> list[Fold]:
-    """Each part scored is a day long, of longer histories up to a week, and follows the one before."""
-    day = round(DAY_S / base.interval_s) or 1
-    days = history.n_samples // day
-    n_folds = min(FOLDS, days - 1)
-    span = day * max(1, min(7, days // (2 * FOLDS)))
-    first = history.stop - n_folds * span
-    return [
-        Fold(history.start, first + i * span, first + (i + 1) * span)
-        for i in range(n_folds)
-        if first + i * span > history.start
-    ]
+def _table(task: Task, orders: Sequence[int], mixed: Blend | None, estimator: str) -> Iterator[Row]:
+    """The scores of every candidate, simple ones first."""
+    if estimator in ("auto", "static"):
+        yield _row("static", 0, trials.scores(_tried(task, "static", [0])[0], task.truth))
+    if estimator in ("auto", "fft"):
+        for order, probability in zip(orders, _tried(task, "fft", orders), strict=True):
+            yield _row("fft", order, trials.scores(probability, task.truth))
+    if mixed is not None:
+        for order in orders if len(orders) == 1 else CALENDAR_ORDERS:
+            yield _row("calendar", order, trials.scores(mixed.probability(order), task.truth))
 
 
-def _table(history: History, base: TimeBase, folds: Sequence[Fold], orders: Sequence[int]) -> tuple[Row, ...]:
-    candidates = [("static", 0), *(("fft", order) for order in orders)]
-    predicted: dict[tuple[str, int], list[NDArray[np.float32]]] = {each: [] for each in candidates}
-    observed = []
-    for fold in folds:
-        states, probabilities = _try(history, base, fold, candidates)
-        observed.append(states.ravel())
-        for candidate, probability in probabilities:
-            predicted[candidate].append(probability.ravel())
-    every = np.concatenate(observed)
-    rows = []
-    for (estimator, order), parts in predicted.items():
-        scores = score(np.concatenate(parts), every)
-        rows.append(Row(estimator, order, scores.error, scores.brier, scores.log_loss, scores.n))
-    return tuple(rows)
+def _row(estimator: str, order: int, found: Scores) -> Row:
+    return Row(estimator, order, found.error, found.brier, found.log_loss, found.n)
 
 
-def _try(
-    history: History, base: TimeBase, fold: Fold, candidates: Sequence[tuple[str, int]]
-) -> tuple[NDArray[np.uint8], Iterator[tuple[tuple[str, int], NDArray[np.float32]]]]:
-    """What was observed in a fold and what each candidate had predicted, (n_cells, n_times) each.
-
-    Every estimator is fitted once, at its greatest order; smaller ones are its first components.
-    """
-    past = history.window(*fit_window(fold.start, fold.split, base.interval_s))
-    n_times = min(MAX_TIMES, fold.stop - fold.split)
-    ahead = np.arange(n_times) * (fold.stop - fold.split) // n_times
-    greatest = {name: max(order for each, order in candidates if each == name) for name, _ in candidates}
-    fitted = {name: fit(past, name, order, base) for name, order in greatest.items()}
-    time = base.time(fold.split + ahead)
-    probabilities = (((name, order), predict_times(truncate(fitted[name], order), time)) for name, order in candidates)
-    return history.window(fold.split, fold.stop).states()[:, ahead], probabilities
+def _tried(task: Task, estimator: str, orders: Sequence[int]) -> list[NDArray[np.float32]]:
+    """What each order predicted, (n_trials, n_cells, 672): fitted once, smaller ones are first components."""
+    every = [trials.empty(task) for _ in orders]
+    for i, trial in enumerate(task.trials):
+        past = task.past(trial)
+        window = fit_window(past.start, past.stop, task.base.interval_s)
+        if window[0] == window[1]:
+            continue
+        fitted = fit(past.window(*window), estimator, max(orders), task.base)
+        slot, time = task.times(trial)
+        for order, probability in zip(orders, every, strict=True):
+            probability[i][:, slot] = predict_times(truncate(fitted, order), time)
+    return every
 
 
-def _reason(best: Row, n_candidates: int, folds: Sequence[Fold], base: TimeBase) -> str:
-    days = (folds[0].stop - folds[0].split) * base.interval_s / DAY_S
+def _decide(
+    table: tuple[Row, ...],
+    task: Task,
+    mixed: Blend | None,
+    time_zone: str | None,
+    estimator: str,
+    orders: Sequence[int],
+) -> Selection:
+    scored = [row for row in table if row.n]
+    n_cells = task.history.n_cells
+    if not scored:
+        none = "nothing was observed on the days to be predicted"
+        return _without(estimator, orders, time_zone, none, table, n_cells)
+    best = max(scored, key=lambda row: _belief(row) - TRUST * row.log_loss * row.n / math.sqrt(n_cells))
+    if best.estimator == "calendar":
+        close = [row for row in scored if row.estimator == "calendar" and row.log_loss <= MARGIN * best.log_loss]
+        best = min(close, key=lambda row: row.order)
+    priors = mixed.priors if mixed is not None and best.estimator == "calendar" else PRIORS
+    reason = _reason(best, len(table), task) + (_settings(mixed) if mixed and best.estimator == "calendar" else "")
+    return Selection(best.estimator, best.order, table, reason, n_cells, time_zone or "UTC", priors)
+
+
+def _belief(row: Row) -> float:
+    """What is believed of a candidate beforehand, as a logarithm: of equal ones the simpler."""
+    return -1.0 - row.order / 8 if row.estimator == "fft" else 0.0
+
+
+def _reason(best: Row, n_candidates: int, task: Task) -> str:
     name = best.estimator if best.estimator == "static" else f"{best.estimator} of order {best.order}"
-    parts = f"{len(folds)} part{'s' * (len(folds) > 1)} of {days:g} day{'s' * (days != 1)}"
-    return f"{name} predicted the latest {parts} best of {n_candidates} candidates: log loss {best.log_loss:.3f}"
+    days = task.trials[0].last - task.trials[0].first
+    parts = f"{len(task.trials)} part{'s' * (len(task.trials) > 1)} of {days} day{'s' * (days != 1)}"
+    learned = "all other days" if task.trials[0].around else "the days before"
+    return f"{name} predicted {parts} from {learned} best of {n_candidates} candidates: log loss {best.log_loss:.3f}"
+
+
+def _settings(mixed: Blend) -> str:
+    first = mixed.priors[0]
+    life = "all days alike" if math.isinf(first.half_life_days) else f"half-life {first.half_life_days:g} days"
+    return (
+        f"; it averages {len(mixed.priors)} of {mixed.tried} settings, the first by {first.week}, "
+        f"{first.detail}, evidence {first.evidence:g}, {life}"
+    )

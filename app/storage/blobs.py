@@ -12,6 +12,10 @@ from app.spectral.spectrum import Spectrum
 from app.storage.codec import seal, unseal
 
 
+_SPECTRUM = ("frequency_hz", "gate", "mean", "cell", "index", "coefficient")
+"""The arrays of a spectrum."""
+
+
 def pack_measurements(measurements: Measurements) -> bytes:
     """Sorted by time; times as runs of equal times, cells as differences, states as bits."""
     order = np.argsort(measurements.time, kind="stable")
@@ -29,7 +33,7 @@ def pack_measurements(measurements: Measurements) -> bytes:
 
 def unpack_measurements(blob: bytes, what: str) -> Measurements:
     """The inverse of `pack_measurements`, up to the order of rows."""
-    columns = cast(dict[str, Any], unseal(blob, what))
+    columns = cast(dict[str, Any], unseal(blob, what, "time", "run", "cell", "state"))
     time = np.repeat(columns["time"], columns["run"])
     cell = np.cumsum(columns["cell"], dtype=np.int64).astype(np.uint32)
     state = np.unpackbits(columns["state"], count=len(time), bitorder="little")
@@ -43,24 +47,19 @@ def pack_spectrum(spectrum: Spectrum) -> bytes:
             "link": np.array(spectrum.link.encode()),
             "origin_s": np.array(spectrum.origin_s),
             "time_zone": np.array((spectrum.time_zone or "").encode()),
-            "frequency_hz": spectrum.frequency_hz,
-            "gate": spectrum.gate,
-            "mean": spectrum.mean,
-            "cell": spectrum.cell,
-            "index": spectrum.index,
-            "coefficient": spectrum.coefficient,
+            **{name: getattr(spectrum, name) for name in _SPECTRUM},
         }
     )
 
 
 def unpack_spectrum(blob: bytes, what: str) -> Spectrum:
     """The inverse of `pack_spectrum`."""
-    columns = cast(dict[str, Any], unseal(blob, what))
+    columns = cast(dict[str, Any], unseal(blob, what, *_SPECTRUM, "link", "origin_s", "time_zone"))
     return Spectrum(
         link=columns["link"].item().decode(),
         origin_s=columns["origin_s"].item(),
         time_zone=columns["time_zone"].item().decode() or None,
-        **{name: columns[name] for name in ("frequency_hz", "gate", "mean", "cell", "index", "coefficient")},
+        **{name: columns[name] for name in _SPECTRUM},
     )
 
 
@@ -71,7 +70,7 @@ def pack_cells(cells: NDArray[np.generic]) -> bytes:
 
 def unpack_cells(blob: bytes, what: str) -> NDArray[np.int64]:
     """The inverse of `pack_cells`."""
-    return unseal(blob, what)["cell"].astype(np.int64)
+    return unseal(blob, what, "cell")["cell"].astype(np.int64)
 
 
 def pack_segment(segment: Segment) -> bytes:
@@ -90,7 +89,7 @@ def pack_segment(segment: Segment) -> bytes:
 
 def unpack_segment(blob: bytes, number: int, what: str) -> Segment:
     """The inverse of `pack_segment`, for the segment of this number."""
-    columns = cast(dict[str, Any], unseal(blob, what))
+    columns = cast(dict[str, Any], unseal(blob, what, "observed", "occupied", "time"))
     history = History(number * SEGMENT_SAMPLES, SEGMENT_SAMPLES, columns["observed"], columns["occupied"])
     time = np.cumsum(columns["time"]).view(np.float64)
     rank = columns.get("rank")

@@ -32,15 +32,18 @@ def seal(columns: Columns) -> bytes:
     >>> unseal(seal({"cell": np.arange(3, dtype=np.uint32)}), "doc")["cell"].tolist()
     [0, 1, 2]
     """
-    arrays = {name: np.ascontiguousarray(column) for name, column in columns.items()}
+    arrays = {name: np.asarray(column, order="C") for name, column in columns.items()}
     header = json.dumps([[name, array.dtype.str, array.shape] for name, array in arrays.items()]).encode()
     parts = [_LENGTH.pack(len(header)), header, *(array.tobytes() for array in arrays.values())]
     frame = _compressor().compress(b"".join(parts))
     return _PREFIX.pack(VERSION, zlib.crc32(frame)) + frame
 
 
-def unseal(blob: bytes, what: str) -> dict[str, NDArray[np.generic]]:
-    """The arrays of a blob, read-only. Raises CorruptChunkError naming `what` when it is not as it was sealed."""
+def unseal(blob: bytes, what: str, *names: str) -> dict[str, NDArray[np.generic]]:
+    """The arrays of a blob, read-only.
+
+    Raises CorruptChunkError naming `what` when it is not as it was sealed, or lacks one of the names.
+    """
     problem = partial(_corrupt, what)
     if len(blob) < _PREFIX.size:
         raise problem("it is cut short")
@@ -51,9 +54,12 @@ def unseal(blob: bytes, what: str) -> dict[str, NDArray[np.generic]]:
     if zlib.crc32(frame) != checksum:
         raise problem("its checksum is wrong")
     try:
-        return _split(_decompressor().decompress(frame))
+        columns = _split(_decompressor().decompress(frame))
     except (zstandard.ZstdError, ValueError, struct.error, TypeError) as error:
         raise problem(str(error)) from error
+    if missing := [name for name in names if name not in columns]:
+        raise problem(f"it is of another kind, without {', '.join(missing)}")
+    return columns
 
 
 def _split(body: bytes) -> dict[str, NDArray[np.generic]]:

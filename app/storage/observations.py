@@ -65,12 +65,13 @@ class Observations:
         )
         parts: list[tuple[int, Measurements]] = []
         total = 0
-        for row in self._connection.execute(query, execution_options={"yield_per": 64}):
-            total += row.measurements
-            if parts and most is not None and total > most:
-                break
-            what = f"observation {row.id} of location {place.name!r}"
-            parts.append((row.id, unpack_measurements(row.payload, what)))
+        with self._connection.execute(query, execution_options={"yield_per": 64}) as rows:
+            for row in rows:
+                total += row.measurements
+                if parts and most is not None and total > most:
+                    break
+                what = f"observation {row.id} of location {place.name!r}"
+                parts.append((row.id, unpack_measurements(row.payload, what)))
         return parts
 
     def segments(self, place: LocationRecord, chunk: int, first: int, last: int) -> dict[int, Segment]:
@@ -86,8 +87,8 @@ class Observations:
             for row in self._connection.execute(query)
         }
 
-    def compact(self, place: LocationRecord, through: int, segments: Mapping[SegmentKey, Segment]) -> bool:
-        """Put merged segments in place of the log up to number `through`.
+    def compact(self, place: LocationRecord, through: int, segments: Mapping[SegmentKey, bytes]) -> bool:
+        """Put merged segments, packed, in place of the log up to number `through`.
 
         False, and nothing done, when somebody else has compacted since `place` was read.
         """
@@ -98,8 +99,8 @@ class Observations:
         )
         if claimed.rowcount != 1:
             return False
-        for (chunk, number), segment in segments.items():
-            self._put(place.id, chunk, number, pack_segment(segment))
+        for (chunk, number), payload in segments.items():
+            self._put(place.id, chunk, number, payload)
         self._connection.execute(
             update(observation)
             .where(observation.c.location_id == place.id, observation.c.id > place.compacted_seq)

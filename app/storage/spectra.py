@@ -45,16 +45,20 @@ class Spectra:
         self._connection.execute(insert(spectrum).values(payload=pack_spectrum(value), **row))
 
     def publish(self, record: RevisionRecord) -> None:
-        """Make a revision the visible one and drop what is stored of all others."""
-        row = asdict(record)
-        row["selection"] = json.dumps(record.selection) if record.selection else None
-        self._connection.execute(insert(revision).values(**row))
-        self._connection.execute(
-            update(location).where(location.c.id == record.location_id).values(revision=record.revision)
-        )
+        """Make a revision the visible one and drop what is stored of earlier ones.
+
+        Where a later one is visible already, it stays so; chunks of later ones, still being stored, stay too.
+        """
+        mine = location.c.id == record.location_id
+        earlier = location.c.revision < record.revision
+        shown = self._connection.execute(update(location).where(mine, earlier).values(revision=record.revision))
+        if shown.rowcount == 1:
+            selection = json.dumps(record.selection) if record.selection else None
+            self._connection.execute(insert(revision).values(**{**asdict(record), "selection": selection}))
+        visible = select(location.c.revision).where(mine).scalar_subquery()
         for table in (spectrum, revision):
-            others = (table.c.location_id == record.location_id) & (table.c.revision != record.revision)
-            self._connection.execute(delete(table).where(others))
+            passed = (table.c.location_id == record.location_id) & (table.c.revision < visible)
+            self._connection.execute(delete(table).where(passed))
 
     def chunk(self, place: LocationRecord, number: int, chunk: int) -> Spectrum:
         """One chunk of a revision. Raises CorruptChunkError where it is missing or damaged."""

@@ -1,8 +1,10 @@
 """Executors: where the tasks of an update run."""
 
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from typing import TypeVar
+
+from app.errors import ShuttingDownError
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")
@@ -13,11 +15,18 @@ class LocalExecutor:
 
     def __init__(self, threads: int) -> None:
         self._pool = ThreadPoolExecutor(threads, thread_name_prefix="tidemap-update")
+        self._closed = False
 
     def map(self, task: Callable[[Item], Value], items: Iterable[Item]) -> Iterable[Value]:
-        """Results in the order of the items."""
-        return self._pool.map(task, items)
+        """Results in the order of the items. Raises ShuttingDownError when it is closed before the last."""
+        try:
+            yield from self._pool.map(task, items)
+        except (CancelledError, RuntimeError):
+            if self._closed:
+                raise ShuttingDownError from None
+            raise
 
     def close(self) -> None:
         """Let running tasks end and start no more."""
+        self._closed = True
         self._pool.shutdown(wait=True, cancel_futures=True)

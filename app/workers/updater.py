@@ -9,7 +9,7 @@ from app.services.context import Context
 from app.services.history import compact
 from app.services.jobs import claim_job, request_update, requeue_interrupted, run_job
 from app.services.update import UpdateRequest
-from app.storage.records import LocationRecord, RevisionRecord
+from app.storage.records import JobRecord, LocationRecord, RevisionRecord
 from app.workers.executors import LocalExecutor
 
 log = logging.getLogger(__name__)
@@ -24,6 +24,7 @@ class Updater:
         self._wake = Event()
         self._stop = Event()
         self._executor = LocalExecutor(ctx.settings.update_threads)
+        self._job: JobRecord | None = None
         self._thread = Thread(target=self._loop, name="tidemap-updater", daemon=True)
         self._unsubscribe = ctx.bus.subscribe(self._listen)
 
@@ -64,14 +65,12 @@ class Updater:
 
     def _run_jobs(self) -> None:
         while not self._stop.is_set():
-            record = claim_job(self._ctx, frozenset())
-            if record is None:
+            # A job whose end could not be stored, for the database was away, is still here and runs again.
+            self._job = self._job or claim_job(self._ctx, frozenset())
+            if self._job is None:
                 return
-            try:
-                run_job(self._ctx, record, self._executor)
-            except RuntimeError:
-                if not self._stop.is_set():
-                    raise
+            run_job(self._ctx, self._job, self._executor)
+            self._job = None
 
     def _look_around(self) -> None:
         with self._ctx.store.read() as work:
@@ -83,6 +82,8 @@ class Updater:
                 self._care_for(place, revisions.get(place.id))
             except TidemapError as error:
                 log.warning("location %s: %s", place.name, error)
+            except Exception:
+                log.exception("location %s: its care failed", place.name)
 
     def _care_for(self, place: LocationRecord, revision: RevisionRecord | None) -> None:
         if is_due(self._ctx, place, revision):

@@ -52,6 +52,16 @@ def test_predicted_and_observed_stand_side_by_side(lab: Lab, page: Page) -> None
     expect(page.locator("#zone")).to_have_text("Europe/London (GMT)")
 
 
+def test_what_is_always_occupied_is_grey_until_one_wants_it_coloured(lab: Lab, page: Page) -> None:
+    viewer = Viewer.open(page, lab.url, "lab", MORNING, dim=True)
+    _, top = colors.STRUCTURE
+    viewer.until(lambda: viewer.shows(top, "left") > 200 and viewer.shows(top, "right") > 200)
+    assert viewer.shows(colors.OCCUPIED, "left") == 0
+    page.get_by_label("Grey what is always occupied").uncheck()
+    viewer.until(lambda: viewer.shows(colors.OCCUPIED, "left") > 1000)
+    assert viewer.shows(top, "left") == 0
+
+
 def test_night_and_morning_have_the_colours_of_the_legend(lab: Lab, page: Page) -> None:
     viewer = Viewer.open(page, lab.url, "lab", MORNING)
     by_day = color_of(lab.url, "lab", MORNING, SHUTTER[0])
@@ -126,7 +136,7 @@ def test_hands_and_keys_move_the_time(lab: Lab, page: Page) -> None:
 
 
 def test_playing_moves_on_and_pausing_stops(lab: Lab, page: Page) -> None:
-    viewer = Viewer.open(page, lab.url, "lab", MORNING)
+    viewer = Viewer.open(page, lab.url, "lab", MORNING, dim=True)
     page.keyboard.press(" ")
     viewer.until(lambda: float(str(viewer.session()["time"])) > MORNING.timestamp() + 3600)
     page.keyboard.press(" ")

@@ -85,12 +85,14 @@ class Viewer:
     url: str
 
     @classmethod
-    def open(cls, page: Page, url: str, name: str, moment: datetime | None = None) -> "Viewer":
-        """Open the viewer at a moment (None: live) and wait until it has drawn."""
+    def open(cls, page: Page, url: str, name: str, moment: datetime | None = None, dim: bool = False) -> "Viewer":
+        """Open the viewer at a moment (None: live), all coloured unless `dim`, and wait until it has drawn."""
         time_query = "" if moment is None else f"&time={moment.timestamp():.0f}"
         page.goto(f"{url}/view/?location={name}{time_query}&fixedDpr=1")
         viewer = cls(page, url)
         viewer.until(lambda: viewer.session()["updates"] >= 1 and viewer.session()["idle"])
+        if not dim:
+            page.get_by_label("Grey what is always occupied").uncheck()
         return viewer
 
     def session(self) -> dict[str, object]:

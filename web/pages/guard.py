@@ -1,5 +1,6 @@
 """Who may see the pages: anybody on a server without keys, else whoever signed in with an operator's key."""
 
+from typing import Any
 from urllib.parse import quote, urlsplit
 
 from fastapi import Request, Response
@@ -29,6 +30,11 @@ def signed_in(ctx: Context, request: Request) -> Principal | None:
     except (UnauthorizedError, ForbiddenError):
         return None
     return None if found == OPEN else found
+
+
+def header(ctx: Context, request: Request) -> dict[str, Any]:
+    """What the header of every page shows."""
+    return {"signed_in": signed_in(ctx, request), "has_viewer": ctx.settings.viewer}
 
 
 def refuse(ctx: Context, request: Request) -> Response | None:

@@ -57,7 +57,7 @@ def _add_session(ctx: Context, routes: APIRouter) -> None:
         """The form that asks for a key; who needs none goes straight on."""
         if guard.refuse(ctx, request) is None:
             return RedirectResponse(guard.local(next), 303, guard.NO_STORE)
-        return _login_page(request, next)
+        return _login_page(ctx, request, next)
 
     @routes.post("/login", response_model=None)
     def sign_in(request: Request, key: Annotated[str, Form()], next: Annotated[str, Form()] = "/") -> Response:
@@ -65,9 +65,9 @@ def _add_session(ctx: Context, routes: APIRouter) -> None:
         try:
             return guard.sign_in(ctx, request, key.strip(), guard.local(next))
         except UnauthorizedError:
-            return _login_page(request, next, "This key is not known here. Check that all of it was copied.")
+            return _login_page(ctx, request, next, "This key is not known here. Check that all of it was copied.")
         except ForbiddenError as error:
-            return _login_page(request, next, str(error))
+            return _login_page(ctx, request, next, str(error))
 
     @routes.post("/logout", response_model=None)
     def sign_out() -> Response:
@@ -75,8 +75,8 @@ def _add_session(ctx: Context, routes: APIRouter) -> None:
         return guard.sign_out()
 
 
-def _login_page(request: Request, then: str, problem: str | None = None) -> Response:
-    facts = {"signed_in": None, "next": guard.local(then), "problem": problem}
+def _login_page(ctx: Context, request: Request, then: str, problem: str | None = None) -> Response:
+    facts = {**guard.header(ctx, request), "next": guard.local(then), "problem": problem}
     return page(request, "login.html", facts, status=401 if problem else 200)
 
 
@@ -84,11 +84,11 @@ def _guarded(ctx: Context, request: Request, template: str, facts: Callable[[], 
     """The page for who may look; 404 in words for a location that is not there."""
     if turned_away := guard.redirect(ctx, request):
         return turned_away
-    everywhere = {"signed_in": guard.signed_in(ctx, request)}
+    header = guard.header(ctx, request)
     try:
-        return page(request, template, {**everywhere, **facts()})
+        return page(request, template, {**header, **facts()})
     except LocationNotFoundError as error:
-        problem = {**everywhere, "title": error.title, "detail": str(error)}
+        problem = {**header, "title": error.title, "detail": str(error)}
         return page(request, "problem.html", problem, status=404)
 
 

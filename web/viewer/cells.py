@@ -11,6 +11,8 @@ from web.viewer import colors
 
 SEEN_OCCUPIED = 1
 SEEN_FREE = 0
+ALWAYS = 0.95
+"""Mean probability from which on a cell counts as always occupied."""
 
 
 class StateArrays(Protocol):
@@ -41,6 +43,14 @@ class Cloud:
     row: NDArray[np.intp]
 
 
+@dataclass(frozen=True, slots=True)
+class Taste:
+    """What to show: predicted cells with p >= `floor`; sightings up to `fresh_s` old are judged."""
+
+    floor: float
+    fresh_s: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Picture:
     """Both grids at one time, and how many cells carry which mark."""
@@ -50,6 +60,7 @@ class Picture:
     unexpected: int
     missing: int
     stale: int
+    structure: int
 
 
 def index_of(cell: NDArray[np.int64], shape: Sequence[int]) -> NDArray[np.int32]:
@@ -62,35 +73,66 @@ def index_of(cell: NDArray[np.int64], shape: Sequence[int]) -> NDArray[np.int32]
     return np.stack(np.unravel_index(cell, full), axis=1).astype(np.int32)
 
 
-def picture(state: StateArrays, index: NDArray[np.int32], floor: float, fresh_s: float) -> Picture:
-    """Both grids: predicted cells with p >= `floor`, and what was last seen at the state's time.
+@dataclass(frozen=True, slots=True, eq=False)
+class Ground:
+    """What stays from one time to the next: `index` (n, 3) in grid steps and `grey` (n,), colours by height."""
 
-    `index` (n, 3) are the grid indices of the state's cells. A cell is judged (and may be marked) only when it
-    was seen within `fresh_s` seconds before the state's time: an older sighting says nothing about now.
+    index: NDArray[np.int32]
+    grey: NDArray[np.uint16]
+
+    @classmethod
+    def of(cls, cell: NDArray[np.int64], shape: Sequence[int]) -> "Ground":
+        """The ground of linear cells (n,)."""
+        index = index_of(cell, shape)
+        return cls(index, colors.code_of_height(_height(index)))
+
+
+def picture(state: StateArrays, ground: Ground, usual: NDArray[np.float32] | None, taste: Taste) -> Picture:
+    """Both grids: what is likely, and what was last seen at the state's time.
+
+    `usual` (n,) are the mean probabilities of the state's cells over all times; with it, what is always occupied
+    is grey in both grids, and only what changes is coloured. A cell is judged (and may be marked) only when it
+    was seen recently: an older sighting says nothing about now. Some 5 ms for 100,000 cells.
     """
-    predicted = _predicted(state, index, floor)
-    seen, fresh = _sightings(state, fresh_s)
+    structure = _structure(state, usual)
+    seen, fresh = _sightings(state, taste.fresh_s)
     occupied = seen == SEEN_OCCUPIED
-    surprise = np.abs(state.probability - seen) > state.confidence
-    unexpected = fresh & occupied & surprise
-    missing = fresh & (seen == SEEN_FREE) & surprise
-    stale = occupied & ~fresh
-    color = np.empty((len(index), 3), dtype=np.uint8)
-    color[:] = colors.OCCUPIED
-    color[stale] = colors.STALE
-    color[unexpected] = colors.UNEXPECTED
-    color[missing] = colors.MISSING
-    observed = _cloud(index, color, occupied | missing)
-    return Picture(predicted, observed, int(unexpected.sum()), int(missing.sum()), int(stale.sum()))
+    surprise = fresh & (np.abs(state.probability - occupied) > state.confidence)
+    unexpected = surprise & occupied
+    missing = surprise & ~occupied
+    stale = occupied & ~fresh & ~structure
+    predicted = np.where(structure, ground.grey, colors.code_of_probability(state.probability))
+    observed = np.where(structure, ground.grey, colors.CODE_OCCUPIED)
+    observed[stale] = colors.CODE_STALE
+    observed[unexpected] = colors.CODE_UNEXPECTED
+    observed[missing] = colors.CODE_MISSING
+    return Picture(
+        predicted=_cloud(ground, predicted, state.probability >= taste.floor),
+        observed=_cloud(ground, observed, occupied | missing),
+        unexpected=int(unexpected.sum()),
+        missing=int(missing.sum()),
+        stale=int(stale.sum()),
+        structure=int(structure.sum()),
+    )
 
 
-def _predicted(state: StateArrays, index: NDArray[np.int32], floor: float) -> Cloud:
-    return _cloud(index, colors.of_probability(state.probability), state.probability >= floor)
+def _structure(state: StateArrays, usual: NDArray[np.float32] | None) -> NDArray[np.bool_]:
+    """Where a cell is always occupied, and now too."""
+    if usual is None:
+        return np.zeros(len(state.cell), dtype=np.bool_)
+    return (usual >= ALWAYS) & (state.probability >= ALWAYS)
 
 
-def _cloud(index: NDArray[np.int32], color: NDArray[np.uint8], shown: NDArray[np.bool_]) -> Cloud:
+def _height(index: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Height (n,) of cells from 0 (lowest layer) to 1 (highest); 0.5 where there is one layer."""
+    k = index[:, 2].astype(np.float64)
+    low, high = (k.min(), k.max()) if len(k) else (0.0, 0.0)
+    return (k - low) / (high - low) if high > low else np.full(len(k), 0.5)
+
+
+def _cloud(ground: Ground, code: NDArray[np.uint16], shown: NDArray[np.bool_]) -> Cloud:
     row = np.flatnonzero(shown)
-    return Cloud(index[row], color[row], row)
+    return Cloud(ground.index[row], colors.PALETTE[code[row]], row)
 
 
 def _sightings(state: StateArrays, fresh_s: float) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:

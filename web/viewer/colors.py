@@ -26,7 +26,8 @@ BACKGROUND: Rgb = (20, 20, 20)
 FLOOR: Rgb = (52, 57, 66)
 UNEXPECTED: Rgb = (255, 94, 20)  # observed occupied where the prediction says free
 MISSING: Rgb = (86, 180, 233)  # observed free where the prediction says occupied
-STALE: Rgb = (112, 116, 124)  # last seen occupied, too long ago to be judged
+STALE: Rgb = (128, 112, 20)  # last seen occupied, too long ago to be judged
+STRUCTURE: tuple[Rgb, Rgb] = ((44, 48, 56), (134, 142, 154))  # what is always occupied, lowest to highest
 SELECTED: Rgb = (255, 70, 220)
 
 
@@ -63,18 +64,49 @@ OCCUPIED: Rgb = (int(SCALE[255, 0]), int(SCALE[255, 1]), int(SCALE[255, 2]))
 """Observed occupied, as expected: the colour of certainty."""
 
 
+def _greys() -> NDArray[np.uint8]:
+    low, high = np.array(STRUCTURE, dtype=np.float64)
+    return np.rint(np.linspace(low, high, 256)).astype(np.uint8)
+
+
+_GREY = 256
+_MARKS = 512
+CODE_OCCUPIED, CODE_UNEXPECTED, CODE_MISSING, CODE_STALE = (np.uint16(_MARKS + i) for i in range(4))
+PALETTE: NDArray[np.uint8] = np.concatenate(
+    [SCALE, _greys(), np.array([OCCUPIED, UNEXPECTED, MISSING, STALE], dtype=np.uint8)]
+)
+"""(516, 3): every colour a cell can have, by its code: the scale, the greys by height, the marks."""
+
+
+def code_of_probability(probability: NDArray[np.floating]) -> NDArray[np.uint16]:
+    """Codes (n,) of probabilities (n,) in [0, 1]."""
+    return np.asarray(np.clip(probability, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint16)
+
+
+def code_of_height(height: NDArray[np.floating]) -> NDArray[np.uint16]:
+    """Codes (n,) of the greys of what is always occupied, at heights (n,) from 0 (lowest) to 1."""
+    return np.asarray(_GREY + height * 255.0 + 0.5).astype(np.uint16)
+
+
 def of_probability(probability: NDArray[np.floating]) -> NDArray[np.uint8]:
     """Colours (n, 3) of probabilities (n,) in [0, 1].
 
     >>> of_probability(np.array([0.0, 1.0])).tolist()
     [[0, 34, 78], [254, 232, 56]]
     """
-    level = np.rint(np.clip(probability, 0.0, 1.0) * 255.0).astype(np.intp)
-    found: NDArray[np.uint8] = SCALE[level]
+    found: NDArray[np.uint8] = PALETTE[code_of_probability(probability)]
     return found
 
 
 def gradient_css(steps: int = 16) -> str:
     """The scale as a CSS gradient from left (0) to right (1)."""
-    stops = (SCALE[round(255 * i / (steps - 1))] for i in range(steps))
-    return "linear-gradient(to right, " + ", ".join(f"#{bytes(stop).hex()}" for stop in stops) + ")"
+    return _css_gradient([css(of) for of in SCALE[np.linspace(0, 255, steps).round().astype(int)].tolist()])
+
+
+def structure_css() -> str:
+    """The greys of what is always occupied as a CSS gradient."""
+    return _css_gradient([css(of) for of in STRUCTURE])
+
+
+def _css_gradient(stops: list[str]) -> str:
+    return f"linear-gradient(to right, {', '.join(stops)})"

@@ -15,6 +15,7 @@ class Wish(Form):
     """What the page wants to see; a new wish replaces the one before.
 
     Without `time`, or with `follow`, the time of the newest observation; without `confidence`, the location's.
+    `floor` hides what is less likely; `dim` takes the colour from what is always occupied.
     """
 
     kind: Literal["wish"] = "wish"
@@ -24,6 +25,7 @@ class Wish(Form):
     confidence: Confidence | None = None
     order: int | None = Field(None, ge=0, le=64)
     floor: float = Field(0.1, ge=0, le=1)
+    dim: bool = True
 
 
 class Aim(Form):

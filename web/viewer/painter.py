@@ -1,33 +1,37 @@
 """Paints what a tab wishes to see and tells its page about it. Used by one thread, the session's."""
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.schemas.locations import Location
+from app.schemas.locations import Grid, Location
 from web.viewer import report
-from web.viewer.cells import Cloud, Picture, index_of, picture
+from web.viewer.cells import Cloud, Ground, Picture, Taste, index_of, picture
 from web.viewer.layout import Layout, arrange
 from web.viewer.messages import Aim, Message, Select, Wish
 from web.viewer.picking import Ray, first_hit
 from web.viewer.scene import CELL_HALF, Scene
 from web.viewer.source import Question, Source, State
 
+_log = logging.getLogger(__name__)
 ACKNOWLEDGE_S = 15.0
 FRESH_S = 3600.0
+Key = tuple[str, float, int, int]
+"""Tells the cells of a location at a revision: its name, when it was made, revision, number of cells."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shown:
-    """What a tab shows. A cell seen up to `fresh_s` before the time is judged."""
+    """What a tab shows."""
 
     place: Location
     state: State
     picture: Picture
     layout: Layout
-    fresh_s: float
+    taste: Taste
 
 
 class Painter:
@@ -44,6 +48,8 @@ class Painter:
         self._selected: int | None = None
         self._place: str | None = None
         self._known: set[str] = set()
+        self._laid: tuple[Key, Ground, Layout] | None = None
+        self._means: tuple[Key, NDArray[np.float32]] | None = None
 
     def prepare(self, scene: Scene | None, aim: Aim | None, select: Select | None) -> None:
         """Take what came with the wish; None changes nothing."""
@@ -61,7 +67,7 @@ class Painter:
     def paint(self, wish: Wish, news: bool) -> None:
         """Bring the tab to a wish; `news` asks for everything afresh.
 
-        Raises LocationNotFoundError, NoModelError; RuntimeError and TimeoutError when the browser does not take it.
+        Raises LocationNotFoundError, NoModelError.
         """
         if news:
             self._tell_grids()
@@ -86,13 +92,9 @@ class Painter:
             with self._scene.client.atomic():
                 self._scene.clear()
             self._scene.client.flush()
-        self.forget()
+        self._built = None
         self.shown = None
         self._publish(report.notice(reason, detail))
-
-    def forget(self) -> None:
-        """Draw everything anew the next time."""
-        self._built = None
 
     def pick(self, ray: Ray) -> int | None:
         """The linear index of the first cell under a ray; asked from other threads."""
@@ -124,10 +126,28 @@ class Painter:
         state = self._source.state(Question(place.name, time, wish.confidence, wish.order))
         if len(state.cell) == 0:
             return None
-        index = index_of(state.cell, state.shape)
-        layout = arrange(place.grid.origin, place.grid.resolution_m, index, place.kind == "grid2d")
-        fresh_s = max(FRESH_S, 2 * place.interval_s)
-        return Shown(place, state, picture(state, index, wish.floor, fresh_s), layout, fresh_s)
+        ground, layout = self._lay(place, place.grid, state)
+        usual = self._usual(place, state) if wish.dim else None
+        taste = Taste(wish.floor, max(FRESH_S, 2 * place.interval_s))
+        return Shown(place, state, picture(state, ground, usual, taste), layout, taste)
+
+    def _lay(self, place: Location, grid: Grid, state: State) -> tuple[Ground, Layout]:
+        """Where the state's cells are, worked out once a revision."""
+        key = _key(place, state)
+        if self._laid is None or self._laid[0] != key:
+            ground = Ground.of(state.cell, state.shape)
+            layout = arrange(grid.origin, grid.resolution_m, ground.index, place.kind == "grid2d")
+            self._laid = (key, ground, layout)
+        return self._laid[1], self._laid[2]
+
+    def _usual(self, place: Location, state: State) -> NDArray[np.float32] | None:
+        """Mean probabilities of the state's cells, asked for once a revision."""
+        key = _key(place, state)
+        if self._means is None or self._means[0] != key:
+            mean = self._source.state(Question(place.name, state.time, None, 0, observed=False))
+            self._means = (key, mean.probability)
+        usual = self._means[1]
+        return usual if len(usual) == len(state.cell) else None
 
     def _draw(self, shown: Shown) -> None:
         scene = self._scene
@@ -143,8 +163,21 @@ class Painter:
             if self._aim is not None:
                 scene.aim(from_above=self._aim.view == "above")
         self._built, self._aim = shown.place.name, None
-        scene.send(ACKNOWLEDGE_S)
-        self.updates += 1
+        self._send(scene)
+
+    def _send(self, scene: Scene) -> None:
+        """Wait for the browser, so that no more than one update is under way; not for one that sleeps or is gone."""
+        try:
+            scene.send(ACKNOWLEDGE_S)
+            self.updates += 1
+        except TimeoutError:
+            _log.debug("a browser did not acknowledge an update in %g s", ACKNOWLEDGE_S)
+        except ConnectionError:
+            self._scene = None
+
+
+def _key(place: Location, state: State) -> Key:
+    return place.name, place.created_at, state.revision, len(state.cell)
 
 
 def _index(shown: Shown, cell: int | None) -> NDArray[np.int32] | None:

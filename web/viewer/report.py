@@ -67,8 +67,8 @@ def frame(shown: Shown, wish: Wish, selected: int | None) -> Message:
         "estimator": state.estimator,
         "order": state.order,
         "confidence": state.confidence,
-        "floor": wish.floor,
-        "fresh_s": shown.fresh_s,
+        "floor": shown.taste.floor,
+        "fresh_s": shown.taste.fresh_s,
         "lines_m": shown.layout.lines_m,
         "cells": len(state.cell),
         "predicted": len(picture.predicted.row),
@@ -76,6 +76,7 @@ def frame(shown: Shown, wish: Wish, selected: int | None) -> Message:
         "unexpected": picture.unexpected,
         "missing": picture.missing,
         "stale": picture.stale,
+        "structure": picture.structure,
         "selected": None if selected is None else cell(shown, selected),
     }
 

@@ -79,9 +79,16 @@ class Scene:
             self._frame(f"/{name}/selected", centre + shift, half)
 
     def send(self, wait_s: float) -> None:
-        """Send what is queued and wait until the browser has taken it."""
+        """Send what is queued and wait until the browser has taken it, for it answers in order.
+
+        Raises TimeoutError when it does not answer, ConnectionError when it has gone.
+        """
         self.client.flush()
-        self.client.local_storage.get_item("tidemap", timeout=wait_s)
+        try:
+            self.client.local_storage.get_item("tidemap", timeout=wait_s)
+        except RuntimeError as error:  # also an answer: the browser keeps its storage closed
+            if "disconnected" in str(error):
+                raise ConnectionError(str(error)) from error
 
     def _fill(self, handle: viser.PointCloudHandle, cloud: Cloud) -> None:
         handle.visible = len(cloud.row) > 0

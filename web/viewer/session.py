@@ -117,10 +117,6 @@ class Session:
             self._painter.blank("not-found", str(error))
         except TidemapError as error:
             self._painter.blank("error", str(error))
-        except (RuntimeError, TimeoutError) as error:
-            # The tab has gone or sleeps: it is painted anew when it comes back.
-            _log.debug("viewer session %s: %s", self.token[:6], error)
-            self._painter.forget()
         except Exception:
             _log.exception("viewer session %s failed", self.token[:6])
             self._painter.blank("error", "The viewer failed; the server's log says why.")

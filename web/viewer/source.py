@@ -26,12 +26,13 @@ class State(StateArrays, Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """The state of a grid at a time; None stands for the location's own choice."""
+    """The state of a grid at a time, with what was last seen; None stands for the location's own choice."""
 
     location: str
     time: float
     confidence: float | None
     order: int | None
+    observed: bool = True
 
 
 class Source(Protocol):
@@ -75,9 +76,12 @@ class Services:
         return place
 
     def state(self, question: Question) -> State:
-        """The state with what was last seen."""
+        """The state at a time."""
         query = predict.StateQuery(
-            time=question.time, confidence=question.confidence, order=question.order, observed=True
+            time=question.time,
+            confidence=question.confidence,
+            order=question.order,
+            observed=question.observed,
         )
         return predict.state_at(self._ctx, question.location, query)
 

@@ -27,7 +27,7 @@ def _answers(model: Any, *binary: str) -> dict[int | str, dict[str, Any]]:
     return {200: {"model": model, "content": content}}
 
 
-@router.get("/state", responses=_answers(maps.State, ARROW, NPY), response_class=Response)
+@router.get("/state", responses={**_answers(maps.State, ARROW, NPY), 304: {}}, response_class=Response)
 def state(
     name: str,
     request: Request,

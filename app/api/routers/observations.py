@@ -60,7 +60,7 @@ async def post(
     ctx: Ctx,
     response: Response,
     source: Annotated[Text | None, Query(max_length=128, description="The robot's name.")] = None,
-    idempotency_key: Annotated[str | None, Header(min_length=1, max_length=255)] = None,
+    idempotency_key: Annotated[str | None, Header(alias="Idempotency-Key", min_length=1, max_length=255)] = None,
 ) -> Accepted:
     """Post measurements; answered after their durable commit.
 

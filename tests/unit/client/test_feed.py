@@ -100,6 +100,14 @@ def test_a_broken_stream_goes_on_behind_the_last_anomaly(read: Read, code: int) 
 
 
 @both
+def test_an_older_anomaly_told_again_does_not_move_the_point_to_resume_from(read: Read) -> None:
+    first = [message("anomaly", 7), message("anomaly", 3)]
+    with streaming((1001, first), (1001, [message("anomaly", 8)])) as stream:
+        read(stream.url, 3)
+    assert stream.queries[1]["after"] == ["7"]
+
+
+@both
 def test_a_refusal_is_raised_in_the_servers_words(read: Read) -> None:
     with streaming() as stream:
         stream.refuse = 403

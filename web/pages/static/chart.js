@@ -96,6 +96,8 @@ function drawForecast(state) {
     if (edge < bbox.left || edge > bbox.left + bbox.width - 60 * ratio) return;
     ctx.save();
     ctx.font = `${11 * ratio}px system-ui, sans-serif`;
+    ctx.textAlign = "left";
+    ctx.textBaseline = "alphabetic";
     ctx.fillStyle = colours().quiet;
     ctx.fillText("forecast", edge + 5 * ratio, bbox.top + 11 * ratio);
     ctx.restore();

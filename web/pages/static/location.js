@@ -6,6 +6,7 @@ import { clockText, dayText, durationText, timeText } from "./words.js";
 
 /* global htmx */
 const POINTS = 1500;
+const RHYTHMS = 8;
 const DAY = 86400;
 const section = document.getElementById("history");
 const facts = section.dataset;
@@ -156,8 +157,22 @@ function table(model) {
   const body = made.createTBody();
   const parts = [...model.components].sort((a, b) => b.amplitude - a.amplitude);
   const largest = parts.length ? parts[0].amplitude || 1 : 1;
-  body.append(...parts.map((part) => row(part, largest, model)));
-  return made;
+  const rows = parts.map((part) => row(part, largest, model));
+  const first = rows.length > RHYTHMS + 1 ? RHYTHMS : rows.length;
+  body.append(...rows.slice(0, first));
+  return first < rows.length ? [made, more(body, rows)] : [made];
+}
+
+function more(body, rows) {
+  const button = document.createElement("button");
+  button.type = "button";
+  button.className = "plain";
+  button.textContent = `Show all ${rows.length} rhythms`;
+  button.addEventListener("click", () => {
+    body.append(...rows.slice(RHYTHMS));
+    button.remove();
+  });
+  return button;
 }
 
 async function rhythms() {
@@ -172,7 +187,7 @@ async function rhythms() {
   try {
     const model = await ask(`${base}/model?cell=${cell}`);
     if (model.mean === null) quiet.textContent = "This cell has not been observed.";
-    else if (model.components.length) box.replaceChildren(table(model), heading(model));
+    else if (model.components.length) box.replaceChildren(...table(model), heading(model));
     else {
       quiet.textContent = "No rhythm: the model is the mean alone.";
       box.append(heading(model));

@@ -10,7 +10,7 @@ const asked = new URLSearchParams(location.search);
 const HOUR = 3600;
 const DAY = 86400;
 
-const wish = { location: asked.get("location"), time: askedTime(), follow: false, confidence: null, order: null, floor: 0.1 };
+const wish = { location: asked.get("location"), time: askedTime(), follow: false, confidence: null, order: null, floor: 0.1, dim: true };
 wish.follow = wish.time === null;
 let place = null;
 let frame = null;
@@ -107,9 +107,12 @@ const handlers = {
     showFrame();
     showWish();
   },
+  refused(message) {
+    console.warn(`The viewer did not understand the page: ${message.detail}`);
+  },
   notice(message) {
     frame = null;
-    for (const id of ["unexpected", "missing", "stale"]) $(id).textContent = "";
+    for (const id of ["unexpected", "missing", "stale", "model"]) $(id).textContent = "";
     $("facts").replaceChildren();
     showSelected(null);
     explain(message);
@@ -164,6 +167,7 @@ function pairs(list, items) {
 const count = (number) => number.toLocaleString("en");
 
 function showFrame() {
+  $("model").textContent = `revision ${frame.revision} (${frame.estimator})`;
   $("unexpected").textContent = frame.unexpected ? count(frame.unexpected) : "";
   $("missing").textContent = frame.missing ? count(frame.missing) : "";
   $("stale").textContent = frame.stale ? count(frame.stale) : "";
@@ -210,6 +214,7 @@ function showWish() {
   $("floor-value").textContent = wish.floor.toFixed(2);
   $("floor-note").textContent = wish.floor > 0 ? `(hidden below ${wish.floor.toFixed(2)})` : "";
   $("ramp-floor").style.width = `${100 * wish.floor}%`;
+  document.querySelector(".structure").hidden = !wish.dim;
   $("live").setAttribute("aria-pressed", String(wish.follow));
   if (!place?.span || wish.time === null) {
     $("date").textContent = "–";
@@ -301,6 +306,7 @@ $("confidence").addEventListener("input", () => {
   want({ confidence: Number($("confidence").value) });
 });
 $("floor").addEventListener("input", () => want({ floor: Number($("floor").value) }));
+$("dim").addEventListener("change", () => want({ dim: $("dim").checked }));
 function setOrder() {
   const auto = $("order-auto").checked;
   $("order").disabled = auto;

@@ -1,0 +1,123 @@
+"""The `calendar` estimator: p(t) on the logit scale as waves of the civil day and week."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.spectral import folding, waves
+from app.spectral.ascent import fit_rows
+from app.spectral.folding import Visits
+from app.spectral.history import History
+from app.spectral.recipe import Prior, Recipe
+from app.spectral.spectrum import Spectrum, compact, static
+from app.spectral.timebase import TimeBase
+
+BLOCK = 64
+REFIT_BELOW = 16
+"""With fewer waves than this the kept ones are fitted again without the others."""
+
+
+def fit_calendar(history: History, recipe: Recipe, base: TimeBase) -> Spectrum:
+    """The average, on the logit scale, of the most probable rhythms under every prior of the recipe.
+
+    Of each cell the `order` waves of greatest magnitude are kept. Cells whose observed samples agree
+    have a mean alone; half a visit of each state is added to it, so that no probability is 0 or 1.
+    Only the latest `folding.MAX_DAYS` are read. Cost per varying cell: one count of the history's
+    visits to slots and some ten matrix products of 672 × 145 per prior.
+    """
+    history = folding.recent(history, base)
+    mean = _means(history, base)
+    plain = replace(static(mean, 0.0, "logit"), time_zone=recipe.time_zone)
+    n_observed, n_occupied = history.count_observed(), history.count_occupied()
+    varying = np.flatnonzero((n_occupied > 0) & (n_occupied < n_observed))
+    order = min(recipe.order, waves.N_WAVES)
+    if not varying.size:
+        return plain
+    seen = folding.visits(history.start, history.stop, base, recipe.time_zone)
+    index = np.zeros((varying.size, order), np.uint16)
+    coefficient = np.zeros((varying.size, order), np.complex64)
+    for first in range(0, varying.size, BLOCK):
+        rows = varying[first : first + BLOCK]
+        beta = fit_cells(history, rows, seen, recipe, base)
+        mean[rows] = beta[:, 0]
+        part = slice(first, first + rows.size)
+        index[part], coefficient[part] = greatest(beta, order)
+    if not order:
+        return plain
+    return compact(
+        replace(
+            plain,
+            frequency_hz=waves.FREQUENCY_HZ,
+            gate=waves.GATE,
+            cell=varying.astype(np.int32),
+            index=index,
+            coefficient=coefficient,
+        )
+    )
+
+
+def fit_cells(
+    history: History, rows: NDArray[np.int64], seen: Visits, recipe: Recipe, base: TimeBase
+) -> NDArray[np.float32]:
+    """Coefficients (n_rows, 1 + 2 N_WAVES) of some cells: of each at most `order` waves are not 0."""
+    lives = sorted({prior.half_life_days for prior in recipe.priors})
+    weight = np.stack([folding.recency(seen.n_days, life) for life in lives])
+    weeks = folding.fold(history, rows, seen, weight)
+    by_life = {life: (weeks.seen[i], weeks.full[i]) for i, life in enumerate(lives)}
+    design = waves.design(folding.slot_offset_s(base))
+    beta = _blend(design, by_life, recipe.priors, None)
+    if recipe.order >= waves.N_WAVES:
+        return beta
+    kept = kept_columns(beta, recipe.order)
+    return _blend(design, by_life, recipe.priors, kept) if recipe.order < REFIT_BELOW else beta * kept
+
+
+def _blend(
+    design: NDArray[np.float32],
+    by_life: dict[float, tuple[NDArray[np.float32], NDArray[np.float32]]],
+    priors: tuple[Prior, ...],
+    kept: NDArray[np.float32] | None,
+) -> NDArray[np.float32]:
+    """The average of the fits under every prior, of the kept columns only."""
+    whole = sum(prior.weight for prior in priors)
+    total = np.zeros((), np.float32)
+    for prior in priors:
+        seen, full = by_life[prior.half_life_days]
+        penalty, used = waves.penalties(prior)
+        has = used[np.newaxis] if kept is None else used * kept
+        evidence = np.full(seen.shape[0], prior.evidence, np.float32)
+        beta = fit_rows(design, seen, full, evidence, penalty[np.newaxis], has)
+        total = total + np.float32(prior.weight / whole) * beta
+    return total
+
+
+def _means(history: History, base: TimeBase) -> NDArray[np.float32]:
+    """The logit of the share of occupied samples, in visits to slots, half a visit of each kind added."""
+    per_visit = max(1.0, waves.SLOT_S / base.interval_s)
+    observed, occupied = history.count_observed() / per_visit, history.count_occupied() / per_visit
+    mean = np.log((occupied + 0.5) / (observed - occupied + 0.5))
+    return np.where(observed > 0, mean, np.nan).astype(np.float32)
+
+
+def _magnitude(beta: NDArray[np.float32]) -> NDArray[np.float32]:
+    cosine, sine = np.split(beta[:, 1:], 2, axis=1)
+    return np.asarray(cosine * cosine + sine * sine)
+
+
+def kept_columns(beta: NDArray[np.float32], order: int) -> NDArray[np.float32]:
+    """1 for the intercept and the columns of the `order` greatest waves of every cell, else 0."""
+    rank = np.argsort(np.argsort(-_magnitude(beta), axis=1, kind="stable"), axis=1)
+    chosen = (rank < order).astype(np.float32)
+    return np.concatenate((np.ones((beta.shape[0], 1), np.float32), chosen, chosen), axis=1)
+
+
+def greatest(beta: NDArray[np.float32], order: int) -> tuple[NDArray[np.int64], NDArray[np.complex64]]:
+    """Index and coefficient (n_cells, order) of the greatest waves, descending.
+
+    A wave a cos φ + b sin φ is 2 Re c exp(iφ) with c = (a - ib) / 2.
+    """
+    index = np.argsort(-_magnitude(beta), axis=1, kind="stable")[:, :order]
+    cosine, sine = (np.take_along_axis(each, index, axis=1) for each in np.split(beta[:, 1:], 2, axis=1))
+    coefficient = (cosine - 1j * sine).astype(np.complex64) / np.complex64(2)
+    return np.where(coefficient == 0, 0, index), coefficient

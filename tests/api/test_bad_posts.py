@@ -1,0 +1,189 @@
+"""Observations that are refused, whole, with the place that is wrong and the mend."""
+
+import numpy as np
+import pyarrow as pa
+
+from tests.api.house import DAY, HOUR, NOW, arrow, arrow_table
+from tests.api.refusals import DOOR, INFINITY, LAB, NAN, Case, T, Untouched, columns, form, look, raw, state, table
+
+
+def doubled() -> bytes:
+    time = pa.array([T])
+    return arrow_table(pa.Table.from_arrays([time, time, pa.array([1])], names=["time", "time", "state"]))
+
+
+def packed() -> bytes:
+    return arrow({"time": np.zeros(10_000), "state": np.zeros(10_000, np.uint8)}, compression="zstd")
+
+
+ONE = np.array([1], np.uint8)
+STATES = [
+    # Fields
+    form(f"{DOOR}/observations", {"time": [T], "state": [1], "colour": 1}, "colour", "known are state, time"),
+    form(f"{DOOR}/observations", {"state": [1]}, "time", "missing"),
+    form(f"{DOOR}/observations", {"time": [T]}, "state", "missing"),
+    form(f"{DOOR}/observations", {}, "state", "missing"),
+    form(f"{DOOR}/observations", {"observations": [{"time": T, "occupied": [0]}]}, "observations", "known are"),
+    # Lengths
+    state([T, T + 60], [1], "state", "one length"),
+    state([T], [1, 0], "state", "one length"),
+    state([], [], "time", "at least one"),
+    # Times
+    state([T, NAN], [1, 0], "time[1]", "send a number"),
+    state([T, INFINITY], [1, 0], "time[1]"),
+    state([-INFINITY, T], [1, 0], "time[0]"),
+    state(["2026-03-01T09:00:00"], [1], "time[0]", "zone"),
+    state([T, "2026-03-01"], [1, 0], "time[1]", "zone"),
+    state(["yesterday"], [1], "time[0]", "ISO 8601"),
+    state(["2026-02-30T00:00:00Z"], [1], "time[0]", "ISO 8601"),
+    state([""], [1], "time[0]", "ISO 8601"),
+    state([None], [1], "time[0]", "Unix seconds"),
+    state([True], [1], "time[0]", "Unix seconds"),
+    state([T, True], [1, 0], "time[1]", "Unix seconds"),
+    state([[T]], [1], "time[0]", "Unix seconds"),
+    state([{"t": T}], [1], "time[0]", "Unix seconds"),
+    state("now", [1], "time", "list"),
+    state(T, [1], "time", "list"),
+    state([NOW + 2 * HOUR], [1], "time[0]", "future"),
+    state([T * 1000], [1], "time[0]", "seconds"),
+    state(["9999-12-31T23:59:59Z"], [1], "time[0]"),
+    state([-1e12], [1], "time[0]", "Unix time"),
+    state(["0001-01-01T00:00:00Z"], [1], "time[0]", "Unix time"),
+    raw(f"{DOOR}/observations", b'{"time": [1' + b"0" * 400 + b'], "state": [1]}', 400, None, "JSON"),
+    # States
+    state([T], [2], "state[0]", "0 (free) or 1 (occupied)"),
+    state([T, T], [0, -1], "state[1]", "0 (free) or 1 (occupied)"),
+    state([T], ["1"], "state[0]", "0 (free) or 1 (occupied)"),
+    state([T], [None], "state[0]", "0 (free) or 1 (occupied)"),
+    state([T], [0.5], "state[0]", "0 (free) or 1 (occupied)"),
+    state([T], [1.0], "state[0]", "0 (free) or 1 (occupied)"),
+    state([T], [True], "state[0]", "0 (free) or 1 (occupied)"),
+    state([T], [[1]], "state[0]", "0 (free) or 1 (occupied)"),
+    state([T], [NAN], "state[0]", "NaN"),
+    state([T], [2**70], "state[0]"),
+    state([T], [2**64 - 1], "state[0]", "0 (free) or 1 (occupied)"),
+    state([T], {"0": 1}, "state", "list"),
+    state([T], None, "state", "list"),
+    # Contradictions
+    state([T, T], [0, 1], "time[1]", "both occupied and free"),
+]
+CELLS = [
+    form(f"{LAB}/observations", {"time": [T], "state": [1]}, "state", "known are observations"),
+    form(f"{LAB}/observations", {"observations": {}}, "observations", "list"),
+    form(f"{LAB}/observations", {"observations": []}, "observations", "at least one"),
+    form(f"{LAB}/observations", {"observations": [[]]}, "observations[0]", "object"),
+    form(f"{LAB}/observations", {"observations": [{"time": T, "free": [1]}, {"free": [1]}]}, "observations[1].time"),
+    look({"time": T}, "observations", "at least one"),
+    look({"time": T, "occupied": [], "free": []}, "observations", "at least one"),
+    look({"time": T, "ocupied": [1]}, "observations[0].ocupied", "known are free, occupied, time"),
+    look({"time": NAN, "occupied": [1]}, "observations[0].time", "NaN"),
+    look({"time": "2026-03-01T09:00", "occupied": [1]}, "observations[0].time", "zone"),
+    look({"time": NOW + DAY, "occupied": [1]}, "observations[0].time", "future"),
+    look({"time": None, "occupied": [1]}, "observations[0].time"),
+    look({"time": T, "occupied": [24]}, "observations[0].occupied[0]", "0 to 23"),
+    look({"time": T, "free": [0, -1]}, "observations[0].free[1]", "0 to 23"),
+    look({"time": T, "free": [2**40]}, "observations[0].free[0]", "0 to 23"),
+    look({"time": T, "free": [2**63]}, "observations[0].free[0]"),
+    look({"time": T, "occupied": [[4, 0, 0]]}, "observations[0].occupied[0]", "0 to 23"),
+    look({"time": T, "occupied": [[0, 0, 0], [0, -1, 0]]}, "observations[0].occupied[1]", "0 to 23"),
+    look({"time": T, "occupied": [[0, 0]]}, "observations[0].occupied", "3 whole numbers"),
+    look({"time": T, "occupied": [[0, 0, 0, 0]]}, "observations[0].occupied", "3 whole numbers"),
+    look({"time": T, "occupied": [[]]}, "observations[0].occupied", "3 whole numbers"),
+    look({"time": T, "occupied": [[0, 0, 0], [1, 1]]}, "observations[0].occupied", "3 whole numbers"),
+    look({"time": T, "occupied": [3, [1, 1]]}, "observations[0].occupied", "3 whole numbers"),
+    look({"time": T, "occupied": [[0, 0, 0], "a"]}, "observations[0].occupied[1]", "[i,j,k]"),
+    look({"time": T, "occupied": [[0, 0, 0.5]]}, "observations[0].occupied", "3 whole numbers"),
+    look({"time": T, "occupied": [[0, 0, True]]}, "observations[0].occupied", "3 whole numbers"),
+    look({"time": T, "occupied": [[[0], 0, 0]]}, "observations[0].occupied", "3 whole numbers"),
+    look({"time": T, "occupied": [1.5]}, "observations[0].occupied[0]", "[i,j,k]"),
+    look({"time": T, "occupied": ["1"]}, "observations[0].occupied[0]", "[i,j,k]"),
+    look({"time": T, "occupied": [None]}, "observations[0].occupied[0]", "[i,j,k]"),
+    look({"time": T, "occupied": [2, True]}, "observations[0].occupied[1]", "[i,j,k]"),
+    look({"time": T, "occupied": 1}, "observations[0].occupied", "list"),
+    look({"time": T, "occupied": None}, "observations[0].occupied", "list"),
+    look({"time": T, "occupied": [1], "free": [2, 1]}, "observations[0].free[1]", "both occupied and free"),
+    look({"time": T, "occupied": [[0, 0, 1]], "free": [1]}, "observations[0].free[0]", "both occupied and free"),
+]
+TABLES = [
+    columns(DOOR, {"time": [T]}, 422, "state", "missing"),
+    columns(DOOR, {"state": ONE}, 422, "time", "missing"),
+    columns(DOOR, {"time": [T], "state": ONE, "robot": ["r"]}, 422, "robot", "send state, time"),
+    columns(DOOR, {"time": [T], "cell": [0], "state": ONE}, 422, "cell", "send state, time"),
+    columns(DOOR, doubled(), 422, "time", "twice"),
+    columns(DOOR, {"time": [T, None], "state": [0, 1]}, 422, "time", "nulls"),
+    columns(DOOR, {"time": [T, T + 1], "state": [0, None]}, 422, "state", "nulls"),
+    columns(DOOR, {"time": ["2026-03-01T09:00:00Z"], "state": ONE}, 422, "time", "float64"),
+    columns(DOOR, {"time": np.array([T], np.float32), "state": ONE}, 422, "time", "float64"),
+    columns(DOOR, {"time": pa.array([10], pa.date32()), "state": ONE}, 422, "time", "float64"),
+    columns(DOOR, {"time": pa.array([10], pa.timestamp("s")), "state": ONE}, 422, "time", "zone"),
+    columns(DOOR, {"time": pa.nulls(1), "state": ONE}, 422, "time", "float64"),
+    columns(DOOR, {"time": pa.array([T]).dictionary_encode(), "state": ONE}, 422, "time", "float64"),
+    columns(DOOR, {"time": [[T]], "state": ONE}, 422, "time", "float64"),
+    columns(DOOR, {"time": [T], "state": [1.0]}, 422, "state", "uint8 or bool"),
+    columns(DOOR, {"time": [T], "state": ["1"]}, 422, "state", "uint8 or bool"),
+    columns(DOOR, {"time": [T, NAN], "state": [0, 1]}, 422, "time[1]", "NaN"),
+    columns(DOOR, {"time": [T, INFINITY], "state": [0, 1]}, 422, "time[1]", "infinity"),
+    columns(DOOR, {"time": [NOW + DAY], "state": ONE}, 422, "time[0]", "future"),
+    columns(DOOR, {"time": np.array([int(T * 1e9)]), "state": ONE}, 422, "time[0]", "seconds"),
+    columns(DOOR, {"time": [-1e12], "state": ONE}, 422, "time[0]", "Unix time"),
+    columns(DOOR, {"time": [T], "state": np.array([2], np.uint8)}, 422, "state[0]", "0 (free)"),
+    columns(DOOR, {"time": [T], "state": np.array([-1], np.int8)}, 422, "state[0]", "0 (free)"),
+    columns(DOOR, {"time": [T], "state": np.array([257], np.int16)}, 422, "state[0]", "0 (free)"),
+    columns(DOOR, {"time": [T, T], "state": [0, 1]}, 422, "time[1]", "both"),
+    columns(DOOR, {"time": pa.array([], pa.float64()), "state": pa.array([], pa.uint8())}, 422, "time", "at least one"),
+    columns(DOOR, packed(), 400, None, "compression"),
+    columns(DOOR, b"", 400, None, "Arrow IPC stream"),
+    columns(DOOR, b"ARROW1\0\0 but not really", 400, None, "Arrow IPC stream"),
+    columns(DOOR, b'{"time": [1], "state": [1]}', 400, None, "Arrow IPC stream"),
+    columns(DOOR, arrow({"time": [T], "state": ONE})[:200], 400, None, "Arrow IPC stream"),
+    columns(DOOR, b"\xff\xff\xff\xff" + b"\xff\xff\xff\x7f" + b"\0" * 64, 400, None, "Arrow IPC stream"),
+    columns(LAB, {"time": [T], "state": ONE}, 422, "cell", "missing"),
+    columns(LAB, {"time": [T], "cell": np.array([24], np.uint32), "state": ONE}, 422, "cell[0]", "0 to 23"),
+    columns(LAB, {"time": [T], "cell": np.array([-1], np.int32), "state": ONE}, 422, "cell[0]", "0 to 23"),
+    columns(LAB, {"time": [T], "cell": np.array([2**64 - 1], np.uint64), "state": ONE}, 422, "cell"),
+    columns(LAB, {"time": [T], "cell": [1.0], "state": ONE}, 422, "cell", "uint32"),
+    columns(LAB, {"time": [T], "cell": [[0, 0, 1]], "state": ONE}, 422, "cell", "uint32"),
+    columns(LAB, {"time": [T], "cell": [True], "state": ONE}, 422, "cell", "uint32"),
+    columns(LAB, {"time": [T, T], "cell": [5, 5], "state": [0, 1]}, 422, "cell[1]", "both"),
+]
+
+POSTS = [
+    raw(f"{DOOR}/observations?source=" + "x" * 129, b'{"time": [1], "state": [1]}', 422, "source"),
+    raw(f"{DOOR}/observations?source=%00", b'{"time": [1], "state": [1]}', 422, "source", "NUL"),
+    raw(f"{DOOR}/observations", b'{"time": [1], "state": [1]}', 422, "Idempotency-Key", **{"Idempotency-Key": ""}),
+    raw(
+        f"{DOOR}/observations", b'{"time": [1], "state": [1]}', 422, "Idempotency-Key", **{"Idempotency-Key": "k" * 256}
+    ),
+    raw(f"{DOOR}/observations", b'{"\\ud800": NaN}', 422, "?", "NaN"),
+    raw(f"{DOOR}/observations", b"", 400, None, "JSON"),
+]
+
+
+@table(*STATES)
+def test_of_a_state(site: Untouched, case: Case) -> None:
+    site.refuse(case)
+
+
+@table(*CELLS)
+def test_of_a_grid(site: Untouched, case: Case) -> None:
+    site.refuse(case)
+
+
+@table(*TABLES)
+def test_in_arrow(site: Untouched, case: Case) -> None:
+    site.refuse(case)
+
+
+@table(*POSTS)
+def test_with_odd_circumstances(site: Untouched, case: Case) -> None:
+    site.refuse(case)
+
+
+def test_one_bad_measurement_at_the_end_of_many_refuses_all(site: Untouched) -> None:
+    time = NOW - DAY + np.arange(5000) * 10
+    for bad in (2, 255):
+        states = np.zeros(5000, np.uint8)
+        states[-1] = bad
+        site.refuse(columns(DOOR, {"time": time, "state": states}, 422, "state[4999]"))
+    looks = [{"time": float(t), "occupied": [1]} for t in time[:500]] + [{"time": T, "free": [99]}]
+    site.refuse(form(f"{LAB}/observations", {"observations": looks}, "observations[500].free[0]"))

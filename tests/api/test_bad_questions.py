@@ -1,0 +1,175 @@
+"""Questions that are refused, on every route that takes one."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.api.house import DAY, NOW, open_house, problem
+from tests.api.refusals import DOOR, INFINITY, LAB, NAN, Case, T, Untouched, ask, form, furnished, raw, table
+from tests.support.databases import Databases
+
+QUESTIONS = [
+    *(
+        ask(f"{DOOR}/state?time={value}", "time")
+        for value in (
+            "2026-03-01T00:00:00",
+            "now",
+            "nan",
+            "inf",
+            "-inf",
+            "1e300",
+            "1e15",
+            "",
+            "%00",
+            "0001-01-01T00:00:00Z",
+        )
+    ),
+    *(ask(f"{DOOR}/state?confidence={value}", "confidence") for value in ("2", "1", "0.4", "nan", "inf", "x", "")),
+    *(ask(f"{DOOR}/state?order={value}", "order") for value in ("65", "-1", "1.5", "x", "9" * 400, "9" * 5000)),
+    *(ask(f"{DOOR}/state?estimator={value}", "estimator") for value in ("magic", "auto", "")),
+    ask(f"{DOOR}/state?observed=perhaps", "observed"),
+    ask(f"{DOOR}/state?bbox=0,0,0,1,1,1", "bbox", "leave bbox out"),
+    *(
+        ask(f"{LAB}/state?bbox={value}", "bbox", "six numbers")
+        for value in (
+            "",
+            "1",
+            "0,0,0,1,1",
+            "0,0,0,1,1,1,1",
+            "a,b,c,d,e,f",
+            "0,0,0,1,1,nan",
+            "0,0,0,1,1,inf",
+            "1e300,0,0,1,1,1",
+        )
+    ),
+    *(ask(f"{DOOR}/series?cell={value}", "cell") for value in ("x", "1.5", "", "1e3")),
+    *(ask(f"{DOOR}/series?step={value}", "step") for value in ("0", "-1", "nan", "x", "1e-320", "1e-300", "1e-3")),
+    ask(f"{DOOR}/series?start=10&stop=9", "stop", "swap"),
+    ask(f"{DOOR}/series?start=-6e10&stop=6e10", "step", "longer step"),
+    ask(f"{DOOR}/series?start=x", "start", "ISO 8601"),
+    ask(f"{DOOR}/series?stop=2026-03-01T00:00:00", "stop", "zone"),
+    *(ask(f"{DOOR}/model?order={value}", "order") for value in ("65", "-1", "x")),
+    ask(f"{DOOR}/model?cell=x", "cell"),
+    *(
+        ask(f"{DOOR}/{question}?cell={cell}", None, "0 to 0", 404)
+        for question in ("series", "model")
+        for cell in (1, -1, 10**40)
+    ),
+    # predict
+    *(
+        form(f"{DOOR}/predict", {"time": [T, value]}, "time[1]")
+        for value in (NAN, INFINITY, "2026-03-01T00:00:00", "now", None, True, 1e300, [T], 10**400)
+    ),
+    form(f"{DOOR}/predict", {"time": []}, "time"),
+    form(f"{DOOR}/predict", {"time": T}, "time"),
+    form(f"{DOOR}/predict", {}, "time", "missing"),
+    form(f"{DOOR}/predict", {"time": [T], "cell": ["x"]}, "cell[0]"),
+    form(f"{DOOR}/predict", {"time": [T], "cell": [0.5]}, "cell[0]"),
+    form(f"{DOOR}/predict", {"time": [T], "cell": [1]}, None, "0 to 0", 404),
+    form(f"{DOOR}/predict", {"time": [T], "cell": [-1]}, None, "0 to 0", 404),
+    form(f"{LAB}/predict", {"time": [T] * 60_000}, "time", "fewer times or cells"),
+    *(form(f"{DOOR}/predict", {"time": [T], "order": value}, "order") for value in (65, -1, 1.5, "auto")),
+    *(form(f"{DOOR}/predict", {"time": [T], "confidence": value}, "confidence") for value in (2, 0.1, NAN)),
+    form(f"{DOOR}/predict", {"time": [T], "estimator": "magic"}, "estimator"),
+    # evaluate
+    form(f"{DOOR}/evaluate", {}, "orders", "missing"),
+    form(f"{DOOR}/evaluate", {"orders": []}, "orders"),
+    *(form(f"{DOOR}/evaluate", {"orders": [1, value]}, "orders[1]", "0 to 64") for value in (65, -1, 10**9)),
+    form(f"{DOOR}/evaluate", {"orders": list(range(66))}, "orders"),
+    form(f"{DOOR}/evaluate", {"orders": ["x"]}, "orders[0]"),
+    form(f"{DOOR}/evaluate", {"orders": [1], "estimators": []}, "estimators"),
+    form(f"{DOOR}/evaluate", {"orders": [1], "estimators": ["magic"]}, "estimators[0]"),
+    form(f"{DOOR}/evaluate", {"orders": [1], "start": NOW, "stop": T}, "stop", "swap"),
+    form(f"{DOOR}/evaluate", {"orders": [1], "start": NOW + DAY, "stop": NOW + 2 * DAY}, "stop", "widen"),
+    form(f"{DOOR}/evaluate", {"orders": [1], "train_start": NOW, "train_stop": T}, "train_stop", "widen"),
+    form(f"{DOOR}/evaluate", {"orders": [1], "time": [T], "state": [1, 0]}, "state", "one length"),
+    form(f"{DOOR}/evaluate", {"orders": [1], "time": [T]}, "state", "both"),
+    form(f"{DOOR}/evaluate", {"orders": [1], "state": [1]}, "state", "both"),
+    form(f"{DOOR}/evaluate", {"orders": [1], "time": [], "state": []}, "start"),
+    form(f"{DOOR}/evaluate", {"orders": [1], "time": [NAN], "state": [1]}, "time[0]"),
+    *(
+        form(f"{DOOR}/evaluate", {"orders": [1], "time": [T], "state": [value]}, "state[0]")
+        for value in (2, -1, "1", None, 0.5)
+    ),
+    form(f"{DOOR}/evaluate", {"orders": [1], "confidence": 1}, "confidence"),
+    # detect
+    form(f"{DOOR}/anomalies/detect", {"stop": NOW}, "start", "missing"),
+    form(f"{DOOR}/anomalies/detect", {"start": NOW, "stop": T}, "stop", "swap"),
+    form(f"{DOOR}/anomalies/detect", {"start": 0, "stop": 1e300}, "stop"),
+    form(f"{DOOR}/anomalies/detect", {"start": "then", "stop": NOW}, "start"),
+    form(f"{DOOR}/anomalies/detect", {"start": 0, "stop": NOW, "rule": "gut"}, "rule"),
+    form(f"{DOOR}/anomalies/detect", {"start": 0, "stop": NOW, "confidence": 2}, "confidence"),
+    form(f"{DOOR}/anomalies/detect", {"start": 0, "stop": NOW, "order": 65}, "order"),
+    # update
+    form(f"{DOOR}/update", {"start": NOW, "stop": T}, "stop", "swap"),
+    form(f"{DOOR}/update", {"start": NAN}, "start"),
+    form(f"{DOOR}/update", {"start": 1e300}, "start"),
+    form(f"{DOOR}/update", {"estimator": "magic"}, "estimator"),
+    *(form(f"{DOOR}/update", {"order": value}, "order") for value in (0, 65, -1, "all", 2.5)),
+    *(form(f"{DOOR}/update?wait={value}", {}, "wait") for value in ("-1", "301", "nan", "inf", "x", "")),
+    # acknowledge
+    form("/anomalies/1/acknowledge", {"note": 3}, "note"),
+    form("/anomalies/1/acknowledge", {"note": "x" * 2001}, "note"),
+    form("/anomalies/1/acknowledge", {"note": "a\0"}, "note", "NUL"),
+    form("/anomalies/x/acknowledge", {}, "anomaly_id"),
+    *(form(f"/anomalies/{number}/acknowledge", {}, None, "no anomaly", 404) for number in (0, -1, 999, 2**63, 10**40)),
+    # jobs and keys
+    *(
+        ask(f"/jobs/{number}", None, "no job", 404, method)
+        for number in (0, -1, 999, 2**63, 10**40)
+        for method in ("GET", "DELETE")
+    ),
+    ask("/jobs/x", "job_id"),
+    *(
+        ask(f"/jobs?{query}", query.split("=")[0])
+        for query in ("limit=0", "limit=100000", "after=x", "after=-1", "after=" + "9" * 40)
+    ),
+    *(ask(f"/keys/{number}", None, "no key", 404, "DELETE") for number in (0, -1, 999, 2**63, 10**40)),
+    ask("/keys/x", "key_id", method="DELETE"),
+]
+WRONG_METHODS = [
+    ("PUT", "/locations"),
+    ("DELETE", "/locations"),
+    ("POST", DOOR),
+    ("GET", f"{DOOR}/observations"),
+    ("DELETE", f"{DOOR}/observations"),
+    ("GET", f"{DOOR}/update"),
+    ("POST", f"{DOOR}/state"),
+    ("GET", f"{DOOR}/predict"),
+    ("PUT", f"{DOOR}/model"),
+    ("GET", f"{DOOR}/evaluate"),
+    ("GET", "/anomalies/1/acknowledge"),
+    ("PATCH", "/jobs/1"),
+    ("GET", "/keys/1"),
+    ("FOO", "/keys"),
+]
+POSTGRESQL = [
+    ask("/locations/a%00b", None, status=404),
+    ask("/locations?after=%00", "after"),
+    raw(f"{DOOR}/observations?source=%00", b'{"time": [1], "state": [1]}', 422, "source"),
+    form("/keys", {"name": "a\0", "role": "robot"}, "name"),
+    form("/anomalies/1/acknowledge", {"note": "a\0"}, "note"),
+    *(ask(f"/jobs/{10**40}", None, status=404, method=method) for method in ("GET", "DELETE")),
+    ask(f"/keys/{10**40}", None, status=404, method="DELETE"),
+    ask(f"/keys/{2**63 - 1}", None, status=404, method="DELETE"),
+    form(f"/anomalies/{10**40}/acknowledge", {}, None, status=404),
+]
+
+
+@table(*QUESTIONS)
+def test_questions(site: Untouched, case: Case) -> None:
+    site.refuse(case)
+
+
+@pytest.mark.parametrize(("method", "path"), WRONG_METHODS)
+def test_methods_that_are_not_allowed(site: Untouched, method: str, path: str) -> None:
+    answer = site.api.request(method, path)
+    found = problem(answer, 405)
+    assert method in found["detail"]
+    assert answer.headers["allow"]
+
+
+def test_what_only_one_kind_of_database_would_take(databases: Databases, tmp_path: Path) -> None:
+    with databases.empty() as url, open_house(tmp_path, url) as api, furnished(api) as site:
+        for case in POSTGRESQL:
+            site.refuse(case)

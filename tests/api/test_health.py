@@ -1,0 +1,100 @@
+"""/healthz, /readyz, /metrics and the API's own documents."""
+
+from pathlib import Path
+
+import httpx
+import pytest
+from sqlalchemy import text
+
+from app.api.main import create_app
+from app.storage.engine import open_writer
+from tests.api.house import NOW, Api, Http, done, open_house, problem
+
+MISSED = '/locations/{name}",status="404"} 1.0'
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> object:
+    with open_house(tmp_path) as api:
+        yield api
+
+
+def root(api: Api, path: str, **how: object) -> httpx.Response:
+    return api.http.request("GET", path, **how)
+
+
+def test_a_process_that_answers_lives(own: Api) -> None:
+    assert root(own, "/healthz").json() == {"status": "ok"}
+
+
+def test_a_site_in_order_is_ready(own: Api) -> None:
+    answer = root(own, "/readyz")
+    assert (answer.status_code, answer.json()) == (200, {"status": "ok", "problems": []})
+
+
+def test_it_is_not_ready_while_a_part_is_dead(own: Api) -> None:
+    site = create_app(own.ctx, {"updater": lambda: False})
+    answer = Http(own.http.portal, site).request("GET", "/readyz")
+    assert answer.status_code == 503
+    assert any("updater" in each for each in answer.json()["problems"])
+
+
+def test_it_is_not_ready_on_another_schema(own: Api) -> None:
+    engine = open_writer(own.ctx.settings.url)
+    with engine.begin() as connection:
+        connection.execute(text("UPDATE alembic_version SET version_num = '9999'"))
+    engine.dispose()
+    answer = root(own, "/readyz")
+    assert answer.status_code == 503
+    assert "9999" in answer.json()["problems"][0]
+    assert root(own, "/healthz").status_code == 200
+
+
+def test_metrics_are_for_prometheus(own: Api) -> None:
+    name = own.place()
+    own.observe(name, [NOW - 1, NOW], [0, 1])
+    own.get("/locations/nowhere")
+    answer = root(own, "/metrics")
+    assert answer.headers["content-type"].startswith("text/plain")
+    lines = answer.text.splitlines()
+    assert "tidemap_measurements_total 2.0" in lines
+    assert 'tidemap_events_total{kind="observation"} 1.0' in lines
+    assert "tidemap_commit_queue 0.0" in lines
+
+    assert any(line.startswith("tidemap_request_seconds_count{") and MISSED in line for line in lines)
+
+
+def test_invented_methods_and_paths_make_no_new_series(own: Api) -> None:
+    for i in range(3):
+        own.http.request(f"FOO{i}", f"/api/v1/locations/x{i}")
+        own.http.request("GET", f"/nothing-{i}")
+    said = root(own, "/metrics").text
+    assert "FOO" not in said
+    assert "nothing-" not in said
+    assert "x1" not in said
+
+
+def test_with_keys_metrics_need_an_operator_and_health_nobody(own: Api) -> None:
+    secrets = {}
+    for role in ("admin", "robot", "operator"):
+        how = {"headers": {"Authorization": f"Bearer {secrets['admin']}"}} if secrets else {}
+        secrets[role] = done(own.post("/keys", {"name": role, "role": role}, **how), 201)["key"]
+    assert root(own, "/healthz").status_code == root(own, "/readyz").status_code == 200
+    assert root(own, "/metrics").status_code == 401
+    for role, status in (("robot", 403), ("operator", 200), ("admin", 200)):
+        assert root(own, "/metrics", headers={"Authorization": f"Bearer {secrets[role]}"}).status_code == status
+
+
+@pytest.mark.parametrize("path", ["/nothing", "/api", "/api/v1", "/api/v1/nothing", "/api/v2/locations"])
+def test_addresses_that_are_not_there(own: Api, path: str) -> None:
+    answer = root(own, path)
+    assert answer.status_code == 404
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert "/api/docs" in answer.json()["detail"]
+
+
+def test_the_documentation_is_served(own: Api) -> None:
+    page = root(own, "/api/docs")
+    assert page.status_code == 200
+    assert "/api/v1/openapi.json" in page.text
+    problem(own.get("/locations/none"), 404, "location-not-found")

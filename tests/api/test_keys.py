@@ -1,0 +1,205 @@
+"""Keys and roles: who may do what on every route."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.api.house import HOUR, NOW, Api, done, open_house, problem
+
+ROLES = ("robot", "operator", "admin")
+PLACE = {"interval_s": 3600}
+
+# method, path, form, roles that may; as API.md has it: robots post, operators read, acknowledge and update.
+TABLE: list[tuple[str, str, Any, set[str]]] = [
+    ("POST", "/locations", {"name": "new-{role}", **PLACE}, {"admin"}),
+    ("GET", "/locations", None, {"operator", "admin"}),
+    ("GET", "/locations/door", None, {"operator", "admin"}),
+    ("PATCH", "/locations/door", {"confidence": 0.8}, {"admin"}),
+    ("DELETE", "/locations/spare-{role}", None, {"admin"}),
+    ("POST", "/locations/door/observations", {"time": [NOW - 60], "state": [1]}, {"robot", "admin"}),
+    ("POST", "/locations/door/update?wait=30", {}, {"operator", "admin"}),
+    ("GET", "/locations/door/state", None, {"operator", "admin"}),
+    ("POST", "/locations/door/predict", {"time": [NOW]}, {"operator", "admin"}),
+    ("GET", "/locations/door/series", None, {"operator", "admin"}),
+    ("GET", "/locations/door/model", None, {"operator", "admin"}),
+    ("POST", "/locations/door/evaluate", {"orders": [1]}, {"operator", "admin"}),
+    ("GET", "/anomalies", None, {"operator", "admin"}),
+    ("GET", "/locations/door/anomalies", None, {"operator", "admin"}),
+    ("POST", "/locations/door/anomalies/detect", {"start": 0, "stop": NOW}, {"operator", "admin"}),
+    ("POST", "/anomalies/1/acknowledge", {}, {"operator", "admin"}),
+    ("GET", "/jobs", None, {"operator", "admin"}),
+    ("GET", "/jobs/1", None, {"operator", "admin"}),
+    ("DELETE", "/jobs/1", None, {"operator", "admin"}),
+    ("GET", "/keys", None, {"admin"}),
+    ("POST", "/keys", {"name": "another", "role": "robot"}, {"admin"}),
+    ("DELETE", "/keys/999", None, {"admin"}),
+]
+IDS = [f"{method} {path}" for method, path, _, _ in TABLE]
+
+
+@pytest.fixture(scope="module")
+def locked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Api, dict[str, str]]]:
+    """A site with one key of each role, and their secrets."""
+    with open_house(tmp_path_factory.mktemp("locked")) as api:
+        api.place(name="door", estimator="static")
+        for role in ROLES:
+            api.place(name=f"spare-{role}")
+        api.observe("door", [NOW - HOUR], [0])
+        api.update("door")
+        api.observe("door", [NOW - 10], [1])
+        admin = done(api.post("/keys", {"name": "the admin", "role": "admin"}), 201)["key"]
+        secrets = {"admin": admin}
+        for role in ("robot", "operator"):
+            form = {"name": f"the {role}", "role": role}
+            secrets[role] = done(api.post("/keys", form, headers=bearer(admin)), 201)["key"]
+        yield api, secrets
+
+
+def bearer(secret: str) -> dict[str, str]:
+    return {"Authorization": f"Bearer {secret}"}
+
+
+def ask(api: Api, method: str, path: str, form: Any, role: str, **how: Any) -> Any:
+    body = (
+        {} if form is None else {"json": {k: str(v).format(role=role) if k == "name" else v for k, v in form.items()}}
+    )
+    return api.request(method, path.format(role=role), **body, **how)
+
+
+@pytest.mark.parametrize(("method", "path", "form", "allowed"), TABLE, ids=IDS)
+def test_who_may_do_what(locked: Any, method: str, path: str, form: Any, allowed: set[str]) -> None:
+    api, secrets = locked
+    for role in ROLES:
+        answer = ask(api, method, path, form, role, headers=bearer(secrets[role]))
+        if role in allowed:
+            assert answer.status_code not in (401, 403, 500), (role, answer.text)
+        else:
+            found = problem(answer, 403, "forbidden")
+            assert role in found["detail"]
+
+
+@pytest.mark.parametrize(("method", "path", "form", "allowed"), TABLE, ids=IDS)
+@pytest.mark.parametrize(
+    "header",
+    [
+        {},
+        {"Authorization": "Bearer tm_wrong"},
+        {"Authorization": "Bearer"},
+        {"Authorization": "Basic YTpi"},
+        {"Authorization": "Bearer tm_\xfc"},
+        {"Cookie": "tidemap_session=1.9999999999.abc"},
+        {"Cookie": "tidemap_session=..."},
+    ],
+    ids=["none", "wrong", "empty", "basic", "latin-1", "forged-cookie", "odd-cookie"],
+)
+def test_without_a_known_key_nothing_is_answered(
+    locked: Any, method: str, path: str, form: Any, allowed: set[str], header: dict[str, str]
+) -> None:
+    api, _ = locked
+    answer = ask(api, method, path, form, "robot", headers={k: v.encode("latin-1") for k, v in header.items()})
+    problem(answer, 401, "unauthorized")
+    assert answer.headers["www-authenticate"] == "Bearer"
+
+
+def test_the_table_holds_every_route(locked: Any) -> None:
+    api, _ = locked
+    document = done(api.get("/openapi.json"))
+    known = {(method.upper(), path) for path, item in document["paths"].items() for method in item}
+    paths = {path for _, path in known}
+    tested = set()
+    for method, path, _, _ in TABLE:
+        plain = f"/api/v1{path.split('?')[0]}"
+        tested.add((method, plain if plain in paths else next(p for p in paths if matches(p, plain))))
+    # /api/v1 routes only: health and metrics are tested with the health routes.
+    assert {route for route in known if route[1].startswith("/api/v1")} <= tested
+
+
+def matches(template: str, path: str) -> bool:
+    parts, given = template.split("/"), path.split("/")
+    return len(parts) == len(given) and all(p == g or p.startswith("{") for p, g in zip(parts, given, strict=True))
+
+
+def test_a_refused_post_is_not_even_read(locked: Any) -> None:
+    api, secrets = locked
+    before = done(api.get("/locations/door", headers=bearer(secrets["operator"])))
+    too_much = b"x" * (2**20 + 1)
+    for path in ("/locations/door/observations", "/locations", "/locations/door/predict", "/keys"):
+        problem(api.post(path, content=too_much, headers={"Content-Type": "application/json"}), 401)
+    problem(api.post("/locations/door/observations", content=too_much, headers=bearer(secrets["operator"])), 403)
+    assert done(api.get("/locations/door", headers=bearer(secrets["operator"]))) == before
+
+
+def test_a_secret_is_shown_once_and_stored_nowhere(locked: Any, tmp_path: Path) -> None:
+    with open_house(tmp_path) as api:
+        made = done(api.post("/keys", {"name": "r2", "role": "admin"}), 201)
+        assert set(made) == {"id", "name", "role", "prefix", "created_at", "key"}
+        assert made["key"].startswith("tm_")
+        assert len(made["key"]) > 40
+        assert made["key"].startswith(made["prefix"])
+        assert len(made["prefix"]) < 12
+        (listed,) = done(api.get("/keys", headers=bearer(made["key"])))["items"]
+        assert listed == {name: value for name, value in made.items() if name != "key"}
+        files = b"".join(path.read_bytes() for path in tmp_path.iterdir())
+        assert listed["name"].encode() in files
+        assert made["key"].encode() not in files
+        assert made["key"][len(made["prefix"]) :].encode() not in files
+
+
+def test_a_revoked_key_stops_at_once(locked: Any) -> None:
+    api, secrets = locked
+    admin = bearer(secrets["admin"])
+    made = done(api.post("/keys", {"name": "brief", "role": "operator"}, headers=admin), 201)
+    done(api.get("/locations", headers=bearer(made["key"])))
+    assert api.request("DELETE", f"/keys/{made['id']}", headers=admin).status_code == 204
+    problem(api.get("/locations", headers=bearer(made["key"])), 401)
+    problem(api.request("DELETE", f"/keys/{made['id']}", headers=admin), 404, "key-not-found")
+
+
+def test_a_key_names_who_acknowledged(locked: Any) -> None:
+    api, secrets = locked
+    answer = api.post("/anomalies/1/acknowledge", headers=bearer(secrets["operator"]))
+    assert done(answer)["acknowledged_by"] == "the operator"
+
+
+def test_scheme_names_have_no_case(locked: Any) -> None:
+    api, secrets = locked
+    done(api.get("/locations", headers={"Authorization": f"bearer {secrets['operator']}"}))
+
+
+def test_without_keys_loopback_is_open(tmp_path: Path) -> None:
+    with open_house(tmp_path) as api:
+        api.place(name="door")
+        assert done(api.get("/keys"))["items"] == []
+        problem(api.get("/locations", headers=bearer("tm_wrong")), 401)
+
+
+def test_beyond_loopback_the_last_key_leaves_a_closed_door(tmp_path: Path) -> None:
+    """Revoking the last key must not open a server that listens to others."""
+    with open_house(tmp_path, host="0.0.0.0") as api:
+        problem(api.get("/locations"), 401)
+    with open_house(tmp_path, host="0.0.0.0", open=True) as api:
+        made = done(api.post("/keys", {"name": "a", "role": "admin"}), 201)
+        problem(api.get("/locations"), 401)
+        assert api.request("DELETE", f"/keys/{made['id']}", headers=bearer(made["key"])).status_code == 204
+        done(api.get("/locations"))
+
+
+@pytest.mark.parametrize(
+    ("form", "field"),
+    [
+        ({"name": "a", "role": "king"}, "role"),
+        ({"name": "a"}, "role"),
+        ({"role": "robot"}, "name"),
+        ({"name": "", "role": "robot"}, "name"),
+        ({"name": "x" * 129, "role": "robot"}, "name"),
+        ({"name": "a\0b", "role": "robot"}, "name"),
+        ({"name": 3, "role": "robot"}, "name"),
+        ({"name": "a", "role": "robot", "key": "tm_mine"}, "key"),
+    ],
+)
+def test_wrong_forms(api: Api, form: Any, field: str) -> None:
+    found = problem(api.post("/keys", form), 422)
+    assert [each["field"] for each in found["errors"]] == [field]
+    assert done(api.get("/keys"))["items"] == []

@@ -1,0 +1,371 @@
+"""Questions about a map: state, predict, series, model."""
+
+import io
+import json
+from typing import Any
+
+import httpx
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from tests.api.house import ARROW, DAY, HOUR, NOW, NPY, Api, done, fortnight, problem
+
+NINE = NOW + 9.5 * HOUR
+"""Monday, half past nine: the door is open."""
+NIGHT = NOW + 27 * HOUR
+"""Three in the morning: it is closed."""
+
+
+def table_of(answer: httpx.Response) -> tuple[pa.Table, dict[str, Any]]:
+    """The columns of an Arrow answer and the facts in its schema."""
+    assert answer.status_code == 200, answer.text
+    assert answer.headers["content-type"] == ARROW
+    with pa.ipc.open_stream(answer.content) as reader:
+        table = reader.read_all()
+    return table, json.loads(table.schema.metadata[b"tidemap"])
+
+
+class TestState:
+    """GET /locations/{name}/state"""
+
+    def test_every_documented_field(self, api: Api, door: str) -> None:
+        view = done(api.get(f"/locations/{door}/state?time={NINE}"))
+        facts = {key: view[key] for key in ("time", "confidence", "estimator", "order", "revision", "shape", "cell")}
+        assert facts == {
+            "time": "2026-03-02T09:30:00Z",
+            "confidence": 0.75,
+            "estimator": "fft",
+            "order": 3,
+            "revision": 1,
+            "shape": [1],
+            "cell": [0],
+        }
+        assert (view["state"], view["verdict"]) == ([1], ["occupied"])
+        assert 0.75 < view["probability"][0] <= 1
+        assert "observed" not in view
+
+    def test_the_time_is_now_unless_said(self, api: Api, door: str) -> None:
+        api.clock.now = NINE
+        assert done(api.get(f"/locations/{door}/state"))["time"] == "2026-03-02T09:30:00Z"
+
+    @pytest.mark.parametrize("time", [str(NINE), "2026-03-02T09:30:00Z", "2026-03-02T10:30:00%2B01:00"])
+    def test_times_are_numbers_or_iso(self, api: Api, door: str, time: str) -> None:
+        assert done(api.get(f"/locations/{door}/state?time={time}"))["time"] == "2026-03-02T09:30:00Z"
+
+    def test_the_verdict_follows_the_confidence(self, api: Api, door: str) -> None:
+        for time in np.arange(NOW, NOW + DAY, HOUR):
+            for confidence in (0.5, 0.6, 0.75, 0.9, 0.999):
+                query = f"time={time}&confidence={confidence}"
+                view = done(api.get(f"/locations/{door}/state?{query}"))
+                p = np.float32(view["probability"][0])
+                expected = "occupied" if p > confidence else "free" if p < 1 - confidence else "uncertain"
+                assert (view["verdict"], view["state"]) == ([expected], [int(p > confidence)]), query
+                assert view["confidence"] == confidence
+
+    @pytest.mark.parametrize("order", [0, 1, 3, 8, 64])
+    def test_another_order_can_be_asked_for(self, api: Api, door: str, order: int) -> None:
+        view = done(api.get(f"/locations/{door}/state?time={NINE}&order={order}"))
+        model = done(api.get(f"/locations/{door}/model?order={order}"))
+        assert view["order"] == model["order"] == order
+        assert view["probability"][0] == pytest.approx(probability(model, NINE), abs=1e-5)
+
+    def test_another_estimator_can_be_asked_for(self, api: Api, door: str) -> None:
+        view = done(api.get(f"/locations/{door}/state?time={NINE}&estimator=static"))
+        assert (view["estimator"], view["order"]) == ("static", 0)
+        assert view["probability"][0] == pytest.approx(8 / 24)
+
+    def test_cells_that_were_never_seen_are_left_out(self, api: Api, lab: str) -> None:
+        view = done(api.get(f"/locations/{lab}/state?time={NINE}"))
+        assert view["shape"] == [4, 3, 2]
+        assert view["cell"] == [0, 1, 2]
+        assert view["probability"][:2] == [1, 0]
+        assert view["verdict"] == ["occupied", "free", "occupied"]
+
+    def test_observed_adds_what_was_last_seen_by_then(self, api: Api, door: str) -> None:
+        def last_seen(time: float) -> tuple[Any, Any]:
+            view = done(api.get(f"/locations/{door}/state?time={time}&observed=true"))
+            return view["observed"][0], view["observed_time"][0]
+
+        begin = NOW - 14 * DAY
+        assert last_seen(begin - 1) == (None, None)
+        assert last_seen(begin) == (0, begin)
+        assert last_seen(begin + 9.9 * HOUR) == (1, begin + 9 * HOUR)
+        assert last_seen(NOW) == (0, NOW - HOUR)
+        assert last_seen(NOW + 365 * DAY) == (0, NOW - HOUR)
+        assert last_seen(5e10) == (0, NOW - HOUR)
+
+    def test_a_box_leaves_out_the_cells_whose_centre_is_outside(self, api: Api, lab: str) -> None:
+        def cells(box: str) -> list[int]:
+            return list(done(api.get(f"/locations/{lab}/state?bbox={box}"))["cell"])
+
+        assert cells("10,20,0,12,21.5,1") == [0, 1, 2]
+        assert cells("10,20,0,10.5,20.5,0.5") == [0]
+        assert cells("10,20,0.5,10.5,20.5,1") == [1]
+        assert cells("10,20.5,0,10.5,21,0.5") == [2]
+        assert cells("-1e9,-1e9,-1e9,0,0,0") == []
+
+    def test_arrow_has_the_same_columns(self, api: Api, lab: str) -> None:
+        for query in (f"time={NINE}", f"time={NINE}&observed=true", f"time={NOW - 15 * DAY}&observed=true"):
+            view = done(api.get(f"/locations/{lab}/state?{query}"))
+            table, facts = table_of(api.get(f"/locations/{lab}/state?{query}", headers={"Accept": ARROW}))
+            columns = {name: column.to_pylist() for name, column in zip(table.column_names, table.columns, strict=True)}
+            assert {**facts, **{k: pytest.approx(v) if k == "probability" else v for k, v in columns.items()}} == view
+
+    def test_npy_is_the_dense_grid(self, api: Api, lab: str) -> None:
+        answer = api.get(f"/locations/{lab}/state?time={NINE}", headers={"Accept": NPY})
+        assert answer.headers["content-type"] == NPY
+        assert answer.headers["tidemap-revision"] == "1"
+        dense = np.load(io.BytesIO(answer.content), allow_pickle=False)
+        assert (dense.shape, dense.dtype) == ((4, 3, 2), np.float32)
+        view = done(api.get(f"/locations/{lab}/state?time={NINE}"))
+        assert dense.ravel()[:3].tolist() == pytest.approx(view["probability"])
+        assert np.isnan(dense.ravel()[3:]).all()
+
+    @pytest.mark.parametrize(
+        ("accept", "given"),
+        [
+            ("*/*", "application/json"),
+            ("", "application/json"),
+            ("text/html, application/json;q=0.9", "application/json"),
+            (f"{ARROW};q=1, application/json", ARROW),
+            (f"text/plain, {NPY}", NPY),
+        ],
+    )
+    def test_accept_chooses_the_form(self, api: Api, lab: str, accept: str, given: str) -> None:
+        answer = api.get(f"/locations/{lab}/state", headers={"Accept": accept})
+        assert (answer.status_code, answer.headers["content-type"]) == (200, given)
+
+    def test_an_answer_that_is_held_already_is_not_sent_again(self, api: Api) -> None:
+        name = api.place(estimator="fft", order=3, confidence=0.75)
+        api.observe(name, *fortnight())
+        api.update(name)
+        asked = f"/locations/{name}/state?time={NINE}"
+        first = api.get(asked)
+        etag = first.headers["etag"]
+        held = {"If-None-Match": etag}
+        again = api.get(asked, headers=held)
+        assert (again.status_code, again.content, again.headers["etag"]) == (304, b"", etag)
+        assert api.get(asked, headers={"If-None-Match": f'"other", W/{etag}'}).status_code == 304
+
+        for other in (
+            f"{asked}&confidence=0.8",
+            f"{asked}&order=1",
+            f"{asked}&estimator=static",
+            asked.replace(str(NINE), str(NINE + 1)),
+        ):
+            assert api.get(other, headers=held).status_code == 200, other
+        assert api.get(asked, headers={**held, "Accept": ARROW}).status_code == 200
+        done(api.patch(f"/locations/{name}", {"confidence": 0.8}))
+        assert api.get(asked, headers=held).status_code == 200
+        done(api.patch(f"/locations/{name}", {"confidence": 0.75}))
+        assert api.get(asked, headers=held).status_code == 304
+        api.update(name)
+        assert api.get(asked, headers=held).status_code == 200
+
+    def test_observed_answers_follow_the_observations(self, api: Api) -> None:
+        name = api.place(estimator="static")
+        api.observe(name, [NOW - DAY], [0])
+        api.update(name)
+        asked = f"/locations/{name}/state?time={NOW}&observed=true"
+        first = api.get(asked)
+        assert first.json()["observed"] == [0]
+        api.observe(name, [NOW - HOUR], [1])
+        held = {"If-None-Match": first.headers.get("etag", '"none"')}
+        assert done(api.get(asked, headers=held))["observed"] == [1]
+
+
+class TestPredict:
+    """POST /locations/{name}/predict"""
+
+    def test_every_documented_field(self, api: Api, lab: str) -> None:
+        form = {"time": [NINE, "2026-03-03T03:00:00Z"], "cell": [2, 0, 5]}
+        answer = done(api.post(f"/locations/{lab}/predict", form))
+        assert (answer["time"], answer["cell"], answer["revision"]) == ([NINE, NIGHT], [2, 0, 5], 1)
+        assert np.shape(answer["probability"]) == np.shape(answer["state"]) == np.shape(answer["entropy"]) == (3, 2)
+        assert answer["probability"][1] == [1, 1]
+        assert answer["state"] == [[1, 0], [1, 1], [None, None]]
+        assert answer["probability"][2] == answer["entropy"][2] == [None, None]
+        assert answer["entropy"][1] == [0, 0]
+
+    def test_it_agrees_with_state(self, api: Api, lab: str) -> None:
+        for how in ({}, {"order": 1}, {"estimator": "static"}, {"confidence": 0.99}):
+            answer = done(api.post(f"/locations/{lab}/predict", {"time": [NINE], "cell": [0, 1, 2], **how}))
+            view = done(api.get(f"/locations/{lab}/state", params={"time": NINE, **how}))
+            assert [row[0] for row in answer["probability"]] == pytest.approx(view["probability"], abs=1e-6)
+            assert [row[0] for row in answer["state"]] == view["state"]
+            assert answer["confidence"] == view["confidence"]
+
+    def test_all_cells_unless_said(self, api: Api, lab: str) -> None:
+        answer = done(api.post(f"/locations/{lab}/predict", {"time": [NINE]}))
+        assert answer["cell"] == list(range(24))
+        assert answer["probability"][3:] == [[None]] * 21
+
+    def test_entropy_is_in_bits(self, api: Api, door: str) -> None:
+        answer = done(api.post(f"/locations/{door}/predict", {"time": list(NOW + HOUR * np.arange(24))}))
+        p = np.array(answer["probability"][0])
+        both = np.stack([p, 1 - p])
+        bits = -np.sum(both * np.log2(both, out=np.zeros_like(both), where=both > 0), axis=0)
+        assert answer["entropy"][0] == pytest.approx(bits.tolist(), abs=1e-6)
+
+    def test_cells_outside_are_not_found(self, api: Api, lab: str) -> None:
+        for cell in (-1, 24, 2**40):
+            found = problem(api.post(f"/locations/{lab}/predict", {"time": [NINE], "cell": [0, cell]}), 404)
+            assert "0 to 23" in found["detail"]
+
+
+class TestSeries:
+    """GET /locations/{name}/series"""
+
+    def test_without_a_range_it_is_the_whole_history(self, api: Api, door: str) -> None:
+        time, state = fortnight()
+        answer = done(api.get(f"/locations/{door}/series"))
+        assert answer["time"] == time.tolist()
+        assert answer["observed"] == state.tolist()
+        assert answer["revision"] == 1
+        assert answer["state"] == [int(p > 0.75) for p in answer["probability"]]
+
+    def test_a_range_is_half_open_and_stepped(self, api: Api, door: str) -> None:
+        answer = done(api.get(f"/locations/{door}/series?start={NOW}&stop={NOW + 3600}&step=900"))
+        assert answer["time"] == [NOW, NOW + 900, NOW + 1800, NOW + 2700]
+        assert answer["observed"] == [None] * 4
+        assert done(api.get(f"/locations/{door}/series?start={NOW}&stop={NOW}"))["time"] == []
+
+    def test_samples_that_nobody_saw_are_null(self, api: Api, lab: str) -> None:
+        for cell, expected in ((0, 1), (1, 0), (5, None)):
+            answer = done(api.get(f"/locations/{lab}/series?cell={cell}&start={NOW - DAY}&stop={NOW}"))
+            assert answer["observed"] == [expected] * 24
+            assert answer["cell"] == cell
+        assert answer["probability"] == answer["state"] == [None] * 24
+
+    def test_before_the_first_model_only_the_observations_are_known(self, api: Api) -> None:
+        name = api.place()
+        assert done(api.get(f"/locations/{name}/series"))["time"] == []
+        api.observe(name, [NOW - 2 * HOUR], [1])
+        answer = done(api.get(f"/locations/{name}/series?start={NOW - 2 * HOUR}&stop={NOW}"))
+        assert (answer["observed"], answer["probability"], answer["revision"]) == ([1, None], [None, None], 0)
+
+    def test_held_states_are_observed_until_their_time_is_up(self, api: Api) -> None:
+        name = api.place(missing="hold", hold_s=2 * HOUR)
+        api.observe(name, [NOW - 6 * HOUR, NOW - HOUR], [1, 0])
+        answer = done(api.get(f"/locations/{name}/series"))
+        assert answer["observed"] == [1, 1, 1, None, None, 0]
+
+
+def probability(model: dict[str, Any], time: float) -> float:
+    """p(t) by the formula that the answer documents."""
+    since = time - np.datetime64(model["start"].removesuffix("Z")).astype("datetime64[us]").astype(float) / 1e6
+    waves = (c["amplitude"] * np.cos(2 * np.pi * c["frequency_hz"] * since + c["phase"]) for c in model["components"])
+    return float(np.clip(model["mean"] + sum(waves), 0, 1))
+
+
+class TestModel:
+    """GET /locations/{name}/model"""
+
+    def test_every_documented_field(self, api: Api, door: str) -> None:
+        model = done(api.get(f"/locations/{door}/model"))
+        facts = ("estimator", "link", "order", "start", "stop", "samples", "interval_s", "revision", "selection")
+        assert {name: model[name] for name in facts} == {
+            "estimator": "fft",
+            "link": "identity",
+            "order": 3,
+            "start": "2026-02-16T00:00:00Z",
+            "stop": "2026-03-02T00:00:00Z",
+            "samples": 14 * 24,
+            "interval_s": HOUR,
+            "revision": 1,
+            "selection": None,
+        }
+        assert model["mean"] == pytest.approx(8 / 24)
+        assert [set(each) for each in model["components"]] == [
+            {"amplitude", "phase", "frequency_hz", "period_s", "gate"}
+        ] * 3
+        assert set(model["compression"]) >= {
+            "samples",
+            "history_bytes",
+            "spectrum_bytes",
+            "lossy_ratio",
+            "lossless_ratio",
+        }
+
+    def test_components_are_periods_greatest_first(self, api: Api, door: str) -> None:
+        components = done(api.get(f"/locations/{door}/model?order=6"))["components"]
+        amplitudes = [each["amplitude"] for each in components]
+        assert amplitudes == sorted(amplitudes, reverse=True)
+        assert components[0]["period_s"] == pytest.approx(DAY)
+        for each in components:
+            assert each["period_s"] * each["frequency_hz"] == pytest.approx(1)
+            assert DAY / each["period_s"] == pytest.approx(round(DAY / each["period_s"])), "harmonics of the day"
+
+    @pytest.mark.parametrize("order", [0, 1, 2, 3, 7, 15, 64])
+    def test_components_and_outliers_give_back_the_history(self, api: Api, order: int) -> None:
+        name = api.place(estimator="fft", order=3)
+        time, state = fortnight()
+        noisy = state ^ (np.random.default_rng(order).random(len(state)) < 0.1)
+        api.observe(name, time, noisy)
+        api.update(name)
+        model = done(api.get(f"/locations/{name}/model?order={order}"))
+        assert len(model["components"]) <= order
+        rebuilt = np.array([probability(model, t) > 0.5 for t in time])
+        wrong = np.zeros(len(time), bool)
+        for start, stop in model["outliers"]:
+            assert start < stop
+            wrong |= (time >= start) & (time < stop)
+        np.testing.assert_array_equal(rebuilt ^ wrong, noisy)
+        assert model["accuracy"] == pytest.approx(1 - wrong.mean())
+
+    def test_asking_at_another_order_stores_nothing(self, api: Api, door: str) -> None:
+        before = done(api.get(f"/locations/{door}/model"))
+        assert done(api.get(f"/locations/{door}/model?order=9"))["order"] == 9
+        assert done(api.get(f"/locations/{door}/model")) == before
+        assert api.facts(door)["revision"] == 1
+
+    def test_auto_says_what_it_chose_and_why(self, api: Api) -> None:
+        name = api.place()
+        api.observe(name, *fortnight())
+        api.update(name)
+        selection = done(api.get(f"/locations/{name}/model"))["selection"]
+        assert selection["estimator"] != "static"
+        assert len(selection["reason"]) > 10
+        assert {(row["estimator"], row["order"]) for row in selection["scores"]} >= {("static", 0), ("fft", 1)}
+        assert all({"error", "brier", "log_loss", "n"} <= row.keys() for row in selection["scores"])
+
+    def test_with_too_little_history_auto_takes_the_mean_and_says_so(self, api: Api) -> None:
+        name = api.place()
+        api.observe(name, [NOW - HOUR], [1])
+        api.update(name)
+        model = done(api.get(f"/locations/{name}/model"))
+        assert (model["estimator"], model["components"], model["mean"]) == ("static", [], 1)
+        assert "history" in model["selection"]["reason"] or "little" in model["selection"]["reason"]
+
+    def test_of_a_cell_that_was_never_seen(self, api: Api, lab: str) -> None:
+        model = done(api.get(f"/locations/{lab}/model?cell=9"))
+        assert (model["mean"], model["components"], model["outliers"], model["accuracy"]) == (None, [], [], None)
+
+    def test_compression_figures_are_honest(self, api: Api, door: str) -> None:
+        figures = done(api.get(f"/locations/{door}/model"))["compression"]
+        assert figures["samples"] == 14 * 24
+        assert figures["raw_bytes"] == 14 * 3
+        assert figures["lossy_ratio"] == pytest.approx(figures["raw_bytes"] / figures["spectrum_bytes"])
+        assert figures["lossless_ratio"] == pytest.approx(figures["raw_bytes"] / figures["history_bytes"])
+
+
+@pytest.mark.parametrize("question", ["state", "model"])
+def test_without_a_revision_there_is_no_model(api: Api, question: str) -> None:
+    found = problem(api.get(f"/locations/{api.place()}/{question}"), 409)
+    assert found["type"].endswith("no-model")
+    assert "update" in found["detail"]
+
+
+@pytest.mark.parametrize("question", ["predict", "evaluate", "anomalies/detect"])
+def test_nor_for_questions_with_a_form(api: Api, question: str) -> None:
+    form = {"predict": {"time": [1]}, "evaluate": {"orders": [1]}, "anomalies/detect": {"start": 0, "stop": 1}}
+    found = problem(api.post(f"/locations/{api.place()}/{question}", form[question]), 409)
+    assert found["type"].endswith("no-model")
+
+
+@pytest.mark.parametrize("question", ["series", "model"])
+@pytest.mark.parametrize("cell", [-1, 24, 10**30])
+def test_cells_outside_are_not_found(api: Api, lab: str, question: str, cell: int) -> None:
+    found = problem(api.get(f"/locations/{lab}/{question}?cell={cell}"), 404, "cell-not-found")
+    assert "0 to 23" in found["detail"]

@@ -1,0 +1,24 @@
+"""Stores and contexts on a fresh database of either kind."""
+
+from collections.abc import Iterator
+
+import pytest
+
+from app.services.context import Context
+from app.storage.store import Store
+from tests.support.contexts import opened
+
+
+@pytest.fixture
+def store(database_url: str) -> Iterator[Store]:
+    """An open store on a fresh database."""
+    opened_store = Store(database_url)
+    yield opened_store
+    opened_store.close()
+
+
+@pytest.fixture
+def ctx(database_url: str) -> Iterator[Context]:
+    """An open context on a fresh database."""
+    with opened(database_url) as context:
+        yield context

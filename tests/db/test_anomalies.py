@@ -1,0 +1,153 @@
+"""Anomaly events: ids in the order of commits, filters, acknowledgement."""
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from threading import Event
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.errors import AnomalyNotFoundError
+from app.storage.anomalies import EventFilter
+from app.storage.records import AnomalyRecord, LocationRecord
+from app.storage.store import Store
+from app.storage.work import Work
+from tests.db.test_locations import VALUES
+
+
+@pytest.fixture
+def place(store: Store) -> LocationRecord:
+    """A door."""
+    return store.write(lambda work: work.locations.create(VALUES))
+
+
+@pytest.fixture
+def second(database_url: str) -> Iterator[Store]:
+    """Another process's store on the same database."""
+    other = Store(database_url)
+    yield other
+    other.close()
+
+
+def event_of(place: LocationRecord, **changes: Any) -> AnomalyRecord:
+    event = AnomalyRecord(place.id, 0, 60.0, 120.0, np.array([7, 3]), 1, 0.1, 0.9, 0.8, "surprise", 4)
+    return replace(event, **changes)
+
+
+def ids(store: Store, **wanted: Any) -> list[int]:
+    with store.read() as work:
+        return [event.id for event in work.anomalies.list(EventFilter(**wanted))]
+
+
+def test_an_event_comes_back_as_it_was(store: Store, place: LocationRecord) -> None:
+    (stored,) = store.write(lambda work: work.anomalies.append([event_of(place)]))
+    with store.read() as work:
+        found = work.anomalies.get(stored.id)
+        assert work.anomalies.latest() == stored.id == 1
+    assert found.cells.tolist() == [7, 3]
+    assert {**vars(found), "cells": 0} == {**vars(stored), "cells": 0}
+    with store.read() as work, pytest.raises(AnomalyNotFoundError):
+        work.anomalies.get(2)
+
+
+def test_nothing_is_stored_of_no_events(store: Store) -> None:
+    assert store.write(lambda work: work.anomalies.append([])) == []
+    with store.read() as work:
+        assert work.anomalies.latest() == 0
+        assert work.anomalies.list(EventFilter()) == []
+
+
+def test_every_filter_leaves_out_what_it_says(store: Store, place: LocationRecord) -> None:
+    gate = store.write(lambda work: work.locations.create({**VALUES, "name": "gate"}))
+    events = [
+        event_of(place, start=0.0, stop=60.0, surprise=0.85),
+        event_of(place, start=60.0, stop=120.0, surprise=0.95),
+        event_of(gate, start=60.0, stop=180.0, surprise=0.90),
+        event_of(place, start=120.0, stop=180.0, surprise=0.99),
+    ]
+    store.write(lambda work: work.anomalies.append(events))
+    store.write(lambda work: work.anomalies.acknowledge(3, "ann", 9.0, None))
+    for wanted, expected in (
+        ({}, [1, 2, 3, 4]),
+        ({"location_id": place.id}, [1, 2, 4]),
+        ({"location_id": 99}, []),
+        ({"after": 2}, [3, 4]),
+        ({"limit": 2}, [1, 2]),
+        ({"after": 1, "limit": 2, "location_id": place.id}, [2, 4]),
+        ({"start": 60.0}, [2, 3, 4]),
+        ({"start": 120.0}, [3, 4]),
+        ({"stop": 60.0}, [1]),
+        ({"start": 119.0, "stop": 121.0}, [2, 3, 4]),
+        ({"min_surprise": 0.9}, [2, 3, 4]),
+        ({"acknowledged": True}, [3]),
+        ({"acknowledged": False}, [1, 2, 4]),
+    ):
+        assert ids(store, **wanted) == expected, wanted
+    with store.read() as work:
+        assert work.locations.open_anomalies() == {place.id: 3}
+
+
+def test_an_acknowledgement_is_kept_and_can_be_replaced(store: Store, place: LocationRecord) -> None:
+    store.write(lambda work: work.anomalies.append([event_of(place)]))
+    for by, at, note in (("ann", 1.0, "cleaner's trolley"), ("bob", 2.0, None)):
+        found = store.write(lambda work, by=by, at=at, note=note: work.anomalies.acknowledge(1, by, at, note))
+        assert (found.acknowledged_by, found.acknowledged_at, found.note) == (by, at, note)
+    with pytest.raises(AnomalyNotFoundError):
+        store.write(lambda work: work.anomalies.acknowledge(2, "ann", 1.0, None))
+
+
+def test_an_id_follows_the_commit_not_the_start_of_a_write(store: Store, second: Store, place: LocationRecord) -> None:
+    """Whoever takes an id keeps others from taking a later one until its own is visible."""
+    taken, go_on = Event(), Event()
+
+    def slow(work: Work) -> int:
+        (stored,) = work.anomalies.append([event_of(place)])
+        taken.set()
+        go_on.wait(10)
+        return stored.id
+
+    first = store.submit(slow)
+    assert taken.wait(10)
+    other = second.submit(lambda work: work.anomalies.append([event_of(place)])[0].id)
+    assert ids(store) == []
+    assert not other.done()
+    go_on.set()
+    assert (first.result(10), other.result(10)) == (1, 2)
+
+
+@pytest.mark.parametrize("first_of_all", [True, False])
+def test_a_reader_who_resumes_by_id_misses_no_event(
+    store: Store, second: Store, place: LocationRecord, first_of_all: bool
+) -> None:
+    """Two writing processes, failing writes among them, and a poller."""
+    if not first_of_all:
+        store.write(lambda work: work.anomalies.append([event_of(place)]))
+    finished = Event()
+
+    def write(n: int) -> list[int]:
+        def run(work: Work) -> list[int]:
+            stored = work.anomalies.append([event_of(place)] * (1 + n % 3))
+            if n % 7 == 3:
+                raise ValueError("this write fails after it has taken ids")
+            return [event.id for event in stored]
+
+        future = (store, second)[n % 2].submit(run)
+        return [] if isinstance(future.exception(10), ValueError) else future.result()
+
+    def poll() -> list[int]:
+        seen = [0]
+        while True:
+            last_look = finished.is_set()
+            seen += ids(store, after=seen[-1], limit=5)
+            if last_look and not ids(store, after=seen[-1]):
+                return seen[1:]
+
+    with ThreadPoolExecutor(9) as pool:
+        polled = pool.submit(poll)
+        written = [n for numbers in pool.map(write, range(80)) for n in numbers]
+        finished.set()
+        seen = polled.result(20)
+    assert seen == sorted(set(seen))
+    assert sorted(written + ([] if first_of_all else [1])) == seen

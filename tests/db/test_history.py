@@ -1,0 +1,163 @@
+"""At every moment log and segments together are the history: the services against a plain dictionary."""
+
+from contextlib import ExitStack
+from itertools import count
+from typing import Any
+
+import numpy as np
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import (
+    RuleBasedStateMachine,
+    initialize,
+    invariant,
+    precondition,
+    rule,
+    run_state_machine_as_test,
+)
+
+from app.schemas.locations import LocationPatch
+from app.services.context import Context
+from app.services.history import compact, last_seen, read_history
+from app.services.locations import change_location, find_location
+from app.spectral.history import NEVER, UNOBSERVED
+from app.spectral.timebase import TimeBase
+from app.storage.records import CHUNK_CELLS
+from tests.support.contexts import make_location, opened, post_rows, refit
+from tests.support.databases import Databases
+from tests.support.truth import Row, Truth, put, states_of
+
+SHAPE = (13, 10, 9)
+BASE = TimeBase(1000.25, 60.0)
+CELLS = (0, 1, 1022, 1023, 1024, 1169)
+SAMPLES = (-8193, -4097, -4096, -4095, -1, 0, 1, 4095, 4096, 5000)
+WHOLE = range(-8300, 5100)
+NAMES = count()
+ROWS = st.builds(
+    lambda sample, offset, cell, state: (float(BASE.time(sample)) + offset, cell, state),
+    st.sampled_from(SAMPLES),
+    st.sampled_from((0.0, 0.25, 59.5)),
+    st.sampled_from(CELLS),
+    st.integers(0, 1),
+)
+"""Rows of one post do not contradict each other; those of two posts may."""
+POSTS = st.lists(ROWS, min_size=1, max_size=8, unique_by=lambda row: row[:2])
+
+
+class HistoryMachine(RuleBasedStateMachine):
+    """Posts of all kinds, compactions, updates and restarts in any order."""
+
+    url: str
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.stack = ExitStack()
+        self.truth: Truth = {}
+        self.posts: list[tuple[str, list[Row]]] = []
+        self.measurements = 0
+        self.retention_s: float | None = None
+        self.name = f"lab-{next(NAMES)}"
+
+    @initialize()
+    def begin(self) -> None:
+        self.ctx: Context = self.stack.enter_context(opened(self.url))
+        make_location(self.ctx, self.name, SHAPE, epoch=BASE.epoch, interval_s=BASE.interval_s)
+
+    def teardown(self) -> None:
+        self.stack.close()
+
+    @rule(rows=POSTS)
+    def post(self, rows: list[Row]) -> None:
+        key = f"k{len(self.posts)}"
+        answer = post_rows(self.ctx, self.name, rows, idempotency_key=key)
+        assert (answer.accepted, answer.duplicate) == (len(rows), False)
+        self.posts.append((key, rows))
+        self._stored(rows)
+
+    @precondition(lambda self: self.posts)
+    @rule(data=st.data())
+    def retry(self, data: st.DataObject) -> None:
+        key, rows = data.draw(st.sampled_from(self.posts))
+        answer = post_rows(self.ctx, self.name, rows, idempotency_key=key)
+        assert (answer.accepted, answer.duplicate) == (0, True)
+
+    @precondition(lambda self: self.posts)
+    @rule(data=st.data())
+    def repeat(self, data: st.DataObject) -> None:
+        _, rows = data.draw(st.sampled_from(self.posts))
+        post_rows(self.ctx, self.name, rows)
+        self._stored(rows)
+
+    @rule()
+    def compact(self) -> None:
+        compact(self.ctx, self.name)
+
+    @precondition(lambda self: self.truth)
+    @rule()
+    def update(self) -> None:
+        refit(self.ctx, self.name, estimator="static")
+        if self.retention_s is not None:
+            latest = find_location(self.ctx, self.name).last_time or 0.0
+            border = int(BASE.sample(latest - self.retention_s))
+            self.truth = {key: value for key, value in self.truth.items() if key[1] >= border}
+
+    @rule(samples=st.sampled_from((1, 4097, 9000)))
+    def retain(self, samples: int) -> None:
+        self.retention_s = samples * BASE.interval_s
+        change_location(self.ctx, self.name, LocationPatch(retention=self.retention_s))
+
+    @rule()
+    def restart(self) -> None:
+        self.stack.close()
+        self.ctx = self.stack.enter_context(opened(self.url))
+
+    @invariant()
+    def the_history_is_the_dictionary(self) -> None:
+        if not hasattr(self, "ctx"):
+            return
+        for chunk in range(2):
+            first = chunk * CHUNK_CELLS
+            mine = [cell for cell in CELLS if cell // CHUNK_CELLS == chunk]
+            history = read_history(self.ctx, self.name, chunk, WHOLE.start, WHOLE.stop)
+            expected = states_of(self.truth, range(first, first + CHUNK_CELLS), WHOLE.start, WHOLE.stop)
+            local = [cell - first for cell in mine]
+            np.testing.assert_array_equal(history.cells(local).states(), expected[local])
+            assert history.count_observed().sum() == sum(cell in mine for cell, _ in self.truth)
+
+    @invariant()
+    def any_part_is_that_part_of_the_whole(self) -> None:
+        if not hasattr(self, "ctx"):
+            return
+        for start, stop in ((-4097, -4095), (-1, 4097), (6000, 6010)):
+            states = read_history(self.ctx, self.name, 1, start, stop).states()
+            dense = states_of(self.truth, range(1024, 1170), start, stop)
+            np.testing.assert_array_equal(states, dense)
+
+    @invariant()
+    def the_last_seen_is_the_latest_in_the_dictionary(self) -> None:
+        if not hasattr(self, "ctx"):
+            return
+        place = find_location(self.ctx, self.name)
+        for sample in (-4096, 4095, 10**9):
+            state, seen = last_seen(self.ctx, place, sample, np.array(CELLS))
+            for i, cell in enumerate(CELLS):
+                before = [n for c, n in self.truth if c == cell and n <= sample]
+                found: Any = (self.truth[cell, max(before)][1], max(before)) if before else (UNOBSERVED, NEVER)
+                assert (state[i], seen[i]) == found
+
+    @invariant()
+    def nothing_is_counted_twice(self) -> None:
+        if hasattr(self, "ctx"):
+            place = find_location(self.ctx, self.name)
+            assert place.measurements == self.measurements
+            assert place.observation_seq >= len(self.posts)
+
+    def _stored(self, rows: list[Row]) -> None:
+        put(self.truth, rows, BASE)
+        self.measurements += len(rows)
+
+
+def test_log_and_segments_are_the_history_at_every_moment(databases: Databases) -> None:
+    with databases.migrated() as url:
+        machine = type("Machine", (HistoryMachine,), {"url": url})
+        run_state_machine_as_test(machine, settings=settings(max_examples=10, stateful_step_count=12))

@@ -1,0 +1,111 @@
+"""Jobs: each is claimed once, and changes only from the state it is in."""
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from app.errors import JobNotFoundError, LocationNotFoundError
+from app.storage.records import LocationRecord
+from app.storage.store import Store
+from tests.db.test_locations import VALUES
+
+
+@pytest.fixture
+def place(store: Store) -> LocationRecord:
+    """A door."""
+    return store.write(lambda work: work.locations.create(VALUES))
+
+
+@pytest.fixture
+def second(database_url: str) -> Iterator[Store]:
+    """Another process's store on the same database."""
+    other = Store(database_url)
+    yield other
+    other.close()
+
+
+def queue(store: Store, place: LocationRecord, count: int = 1) -> list[int]:
+    def create() -> int:
+        return store.write(lambda work: work.jobs.create(place.id, "update", {"order": 3, "start": None}, 5.0)).id
+
+    return [create() for _ in range(count)]
+
+
+def test_a_new_job_is_queued(store: Store, place: LocationRecord) -> None:
+    (number,) = queue(store, place)
+    with store.read() as work:
+        job = work.jobs.get(number)
+    assert (job.location, job.kind, job.state, job.progress) == ("door", "update", "queued", 0.0)
+    assert job.request == {"order": 3, "start": None}
+    assert (job.created_at, job.finished_at, job.error, job.result) == (5.0, None, None, None)
+
+
+def test_the_list_begins_with_the_newest(store: Store, place: LocationRecord) -> None:
+    gate = store.write(lambda work: work.locations.create({**VALUES, "name": "gate"}))
+    one, two, three = queue(store, place), queue(store, gate), queue(store, place)
+    with store.read() as work:
+        assert [job.id for job in work.jobs.list(None, 10)] == [*three, *two, *one]
+        assert [job.id for job in work.jobs.list(None, 2)] == [*three, *two]
+        assert [job.id for job in work.jobs.list(two[0], 10)] == one
+        assert [job.id for job in work.jobs.list(None, 10, "door")] == [*three, *one]
+
+
+def test_the_oldest_is_claimed_first_and_once(store: Store, place: LocationRecord) -> None:
+    first, other = queue(store, place, 2)
+    claimed = store.write(lambda work: work.jobs.claim(frozenset()))
+    assert claimed is not None
+    assert (claimed.id, claimed.state) == (first, "running")
+    assert store.write(lambda work: work.jobs.claim(frozenset({place.id}))) is None
+    claimed = store.write(lambda work: work.jobs.claim(frozenset()))
+    assert claimed is not None
+    assert claimed.id == other
+    assert store.write(lambda work: work.jobs.claim(frozenset())) is None
+
+
+def test_two_processes_never_claim_the_same(store: Store, second: Store, place: LocationRecord) -> None:
+    queued = queue(store, place, 24)
+
+    def claim(n: int) -> int | None:
+        job = (store, second)[n % 2].write(lambda work: work.jobs.claim(frozenset()))
+        return None if job is None else job.id
+
+    with ThreadPoolExecutor(8) as pool:
+        claimed = list(pool.map(claim, range(24)))
+    while (job := claim(0)) is not None:
+        claimed.append(job)
+    found = [number for number in claimed if number is not None]
+    assert sorted(found) == queued
+
+
+def test_a_transition_needs_the_expected_state(store: Store, place: LocationRecord) -> None:
+    (number,) = queue(store, place)
+    assert store.write(lambda work: work.jobs.transition(number, "queued", state="cancelled", finished_at=6.0))
+    assert not store.write(lambda work: work.jobs.transition(number, "queued", state="running"))
+    assert not store.write(lambda work: work.jobs.transition(number + 1, "queued", state="running"))
+    with store.read() as work:
+        assert (work.jobs.get(number).state, work.jobs.get(number).finished_at) == ("cancelled", 6.0)
+
+
+def test_what_was_running_when_the_process_ended_runs_again(store: Store, place: LocationRecord) -> None:
+    running, done, waiting = queue(store, place, 3)
+    for number in (running, done):
+        store.write(lambda work, number=number: work.jobs.transition(number, "queued", state="running"))
+        store.write(lambda work, number=number: work.jobs.progress(number, 0.5))
+    store.write(lambda work: work.jobs.transition(done, "running", state="done", result='{"revision": 1}'))
+    store.write(lambda work: work.jobs.requeue_running())
+    with store.read() as work:
+        jobs = [work.jobs.get(number) for number in (running, done, waiting)]
+    assert [(job.state, job.progress) for job in jobs] == [("queued", 0.0), ("done", 0.5), ("queued", 0.0)]
+    assert jobs[1].result == {"revision": 1}
+
+
+def test_an_unknown_job_is_said_to_be_unknown(store: Store, place: LocationRecord) -> None:
+    with store.read() as work, pytest.raises(JobNotFoundError):
+        work.jobs.get(1)
+    (number,) = queue(store, place)
+    store.write(lambda work: work.locations.delete("door"))
+    with store.read() as work, pytest.raises(JobNotFoundError):
+        work.jobs.get(number)
+    with pytest.raises(LocationNotFoundError):
+        store.write(lambda work: work.jobs.create(work.locations.get("door").id, "update", {}, 1.0))

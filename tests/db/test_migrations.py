@@ -1,0 +1,65 @@
+"""The schema: what the migrations make is what the code expects, and nothing unknown is touched."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+from alembic.autogenerate import compare_metadata
+from alembic.runtime.migration import MigrationContext
+from sqlalchemy import Connection, insert, inspect, select, text, update
+
+from app.errors import SchemaVersionError
+from app.storage.engine import open_writer
+from app.storage.store import Store, migrate_database, prepare_database
+from app.storage.tables import api_key, metadata
+
+KEY = {"name": "door", "role": "robot", "prefix": "tm_", "hash": b"h", "created_at": 1.0}
+
+
+@contextmanager
+def writing(url: str) -> Iterator[Connection]:
+    engine = open_writer(url)
+    with engine.begin() as connection:
+        yield connection
+    engine.dispose()
+
+
+def test_from_nothing_to_everything(empty_database_url: str) -> None:
+    with pytest.raises(SchemaVersionError, match=r"schema version none.*tidemap migrate"):
+        Store(empty_database_url)
+    migrate_database(empty_database_url)
+    with writing(empty_database_url) as connection:
+        assert set(inspect(connection).get_table_names()) == {*metadata.tables, "alembic_version"}
+    Store(empty_database_url).close()
+
+
+def test_the_migrations_make_the_tables_of_the_code(database_url: str) -> None:
+    with writing(database_url) as connection:
+        options = {"compare_type": True, "compare_server_default": True}
+        assert compare_metadata(MigrationContext.configure(connection, opts=options), metadata) == []
+
+
+@pytest.mark.parametrize("again", [migrate_database, prepare_database])
+def test_migrating_again_changes_nothing(database_url: str, again) -> None:
+    with writing(database_url) as connection:
+        connection.execute(insert(api_key).values(**KEY))
+    again(database_url)
+    with writing(database_url) as connection:
+        assert connection.execute(select(api_key.c.name)).scalars().all() == ["door"]
+
+
+def test_a_server_prepares_an_empty_database(empty_database_url: str) -> None:
+    prepare_database(empty_database_url)
+    Store(empty_database_url).close()
+
+
+@pytest.mark.parametrize("open_", [migrate_database, prepare_database, Store])
+def test_the_schema_of_a_newer_version_is_refused(database_url: str, open_) -> None:
+    with writing(database_url) as connection:
+        connection.execute(text("UPDATE alembic_version SET version_num = '9999'"))
+        connection.execute(insert(api_key).values(**KEY))
+    with pytest.raises(SchemaVersionError, match=r"9999.*newer version.*nothing was changed"):
+        open_(database_url)
+    with writing(database_url) as connection:
+        assert connection.execute(text("SELECT version_num FROM alembic_version")).scalar() == "9999"
+        assert connection.execute(update(api_key).values(name="gate")).rowcount == 1

@@ -1,0 +1,214 @@
+"""The log and the compacted history: numbers, statistics, repeats, and claims."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sqlalchemy import select, update
+
+from app.errors import CorruptChunkError, IdempotencyConflictError, LocationNotFoundError
+from app.services.context import Context
+from app.services.history import compact, read_history
+from app.services.locations import delete_location, find_location
+from app.spectral.segment import Segment
+from app.storage.blobs import pack_measurements, pack_segment
+from app.storage.records import CHUNK_CELLS, LocationRecord, ObservationRecord
+from app.storage.store import Store
+from app.storage.tables import history, observation
+from app.storage.work import Work
+from tests.db.test_locations import VALUES
+from tests.support.contexts import make_location, post_rows
+from tests.support.truth import Row, measurements_of
+
+
+@pytest.fixture
+def place(store: Store) -> LocationRecord:
+    """A door that nobody has observed yet."""
+    return store.write(lambda work: work.locations.create(VALUES))
+
+
+def record_of(rows: list[Row], key: str | None = None, digest: bytes = b"body") -> ObservationRecord:
+    measurements = measurements_of(rows)
+    times = measurements.time
+    payload = pack_measurements(measurements)
+    return ObservationRecord(1.0, "robot", len(rows), float(times.min()), float(times.max()), key, digest, payload)
+
+
+def append(store: Store, place: LocationRecord, rows: list[Row], key: str | None = None) -> int:
+    return store.write(lambda work: work.observations.append(place, record_of(rows, key)))
+
+
+def now(store: Store, place: LocationRecord) -> LocationRecord:
+    with store.read() as work:
+        return work.locations.get(place.name)
+
+
+def test_observations_are_numbered_in_the_order_of_their_commits(store: Store, place: LocationRecord) -> None:
+    other = store.write(lambda work: work.locations.create({**VALUES, "name": "gate"}))
+    with ThreadPoolExecutor(8) as pool:
+        numbers = list(pool.map(lambda n: append(store, place, [(60.0 * n, 0, n % 2)]), range(40)))
+        assert append(store, other, [(0.0, 0, 1)]) == 1
+    assert sorted(numbers) == list(range(1, 41))
+    with store.read() as work:
+        stored = {number: float(part.time[0]) for number, part in work.observations.tail(now(store, place))}
+    assert stored == {number: 60.0 * n for n, number in enumerate(numbers)}
+
+
+def test_statistics_follow_early_late_and_repeated_times(store: Store, place: LocationRecord) -> None:
+    for rows, first, last, total in (
+        ([(500.0, 0, 1), (700.0, 0, 0)], 500.0, 700.0, 2),
+        ([(600.0, 0, 1)], 500.0, 700.0, 3),
+        ([(-40.5, 0, 1)], -40.5, 700.0, 4),
+        ([(1e9, 0, 1), (-1e9, 0, 0)], -1e9, 1e9, 6),
+    ):
+        append(store, place, rows)
+        after = now(store, place)
+        assert (after.first_time, after.last_time, after.measurements) == (first, last, total)
+
+
+def test_a_deleted_location_takes_no_observation(store: Store, place: LocationRecord) -> None:
+    store.write(lambda work: work.locations.delete("door"))
+    with pytest.raises(LocationNotFoundError):
+        append(store, place, [(0.0, 0, 1)])
+
+
+def test_an_idempotency_key_stands_for_one_body_at_one_location(store: Store, place: LocationRecord) -> None:
+    other = store.write(lambda work: work.locations.create({**VALUES, "name": "gate"}))
+    append(store, place, [(0.0, 0, 1)], "k1")
+    append(store, place, [(0.0, 0, 1)])
+    append(store, place, [(0.0, 0, 1)])
+    with store.read() as work:
+        assert work.observations.find_duplicate(place, "k1", b"body")
+        assert not work.observations.find_duplicate(place, "k2", b"body")
+        assert not work.observations.find_duplicate(other, "k1", b"another")
+        with pytest.raises(IdempotencyConflictError, match="'k1' was used for another body"):
+            work.observations.find_duplicate(place, "k1", b"another")
+
+
+def test_the_tail_is_what_is_not_compacted(store: Store, place: LocationRecord) -> None:
+    batches = [[(60.0 * (10 * n + i), 0, i % 2) for i in range(size)] for n, size in enumerate((3, 1, 5, 2))]
+    for batch in batches:
+        append(store, place, batch)
+    with store.read() as work:
+        full = work.observations.tail(work.locations.get("door"))
+        assert [number for number, _ in full] == [1, 2, 3, 4]
+        for (_, part), batch in zip(full, batches, strict=True):
+            assert [
+                (float(t), int(c), int(s)) for t, c, s in zip(part.time, part.cell, part.state, strict=True)
+            ] == batch
+        for most, count in ((0, 1), (3, 1), (4, 2), (8, 2), (9, 3), (10, 3), (11, 4), (99, 4)):
+            assert len(work.observations.tail(work.locations.get("door"), most)) == count
+    assert store.write(lambda work: work.observations.compact(now(store, place), 2, {}))
+    with store.read() as work:
+        assert [number for number, _ in work.observations.tail(work.locations.get("door"))] == [3, 4]
+
+
+def test_of_two_compactions_from_one_record_the_second_changes_nothing(store: Store, place: LocationRecord) -> None:
+    for n in range(3):
+        append(store, place, [(60.0 * n, 0, 1)])
+    old = now(store, place)
+    mine, theirs = (pack_segment(Segment.empty(1, number)) for number in (0, 1))
+    assert store.write(lambda work: work.observations.compact(old, 2, {(0, 0): mine}))
+    before = everything(store)
+    assert not store.write(lambda work: work.observations.compact(old, 3, {(0, 0): theirs, (0, 1): theirs}))
+    assert everything(store) == before
+    assert now(store, place).compacted_seq == 2
+
+
+def test_compaction_keeps_the_row_of_an_observation_for_its_key(store: Store, place: LocationRecord) -> None:
+    append(store, place, [(0.0, 0, 1)], "k1")
+    store.write(lambda work: work.observations.compact(now(store, place), 1, {}))
+    with store.read() as work:
+        assert work.observations.find_duplicate(place, "k1", b"body")
+        payloads = work.observations._connection.execute(select(observation.c.payload)).scalars().all()
+    assert payloads == [None]
+
+
+def everything(store: Store) -> list[tuple[object, ...]]:
+    with store.read() as work:
+        connection = work.observations._connection
+        return [tuple(row) for table in (history, observation) for row in connection.execute(select(table)).all()]
+
+
+def damage(ctx: Context, chunk: int, segment: int) -> None:
+    """Flip one bit in the middle of a stored segment."""
+
+    def run(work: Work) -> None:
+        connection = work.observations._connection
+        mine = (history.c.chunk == chunk) & (history.c.segment == segment)
+        payload = bytearray(connection.execute(select(history.c.payload).where(mine)).scalar_one())
+        payload[len(payload) // 2] ^= 4
+        connection.execute(update(history).where(mine).values(payload=bytes(payload)))
+
+    ctx.store.write(run)
+
+
+def test_a_damaged_segment_is_named_and_hurts_no_other(ctx: Context) -> None:
+    make_location(ctx, "lab", (50, 50))
+    cells = range(0, 2500, 7)
+    post_rows(ctx, "lab", [(60.0 * n, cell, 1) for n in (5, 5000) for cell in cells])
+    compact(ctx, "lab")
+    damage(ctx, chunk=1, segment=0)
+    with pytest.raises(
+        CorruptChunkError, match="history of location 'lab', chunk 1, segment 0 is corrupt: its checksum"
+    ):
+        read_history(ctx, "lab", 1, 0, 5001)
+    for chunk, start in ((0, 0), (2, 0), (1, 4096)):
+        states = read_history(ctx, "lab", chunk, start, 5001).states()
+        mine = [cell % CHUNK_CELLS for cell in cells if cell // CHUNK_CELLS == chunk]
+        assert np.flatnonzero((states == 1).any(axis=1)).tolist() == mine
+    post_rows(ctx, "lab", [(60.0 * 6, 3, 0)])
+    assert read_history(ctx, "lab", 0, 0, 10).series(3, 6, 7).tolist() == [0]
+
+
+def test_a_damaged_observation_is_named(ctx: Context) -> None:
+    make_location(ctx, "lab", (50, 50))
+    for n in range(2):
+        post_rows(ctx, "lab", [(60.0 * n, 1, 1)])
+    row = observation.c.id == 2
+    ctx.store.write(
+        lambda work: work.jobs._connection.execute(update(observation).where(row).values(payload=b"\1short"))
+    )
+    with pytest.raises(CorruptChunkError, match="observation 2 of location 'lab' is corrupt"):
+        read_history(ctx, "lab", 0, 0, 2)
+    with pytest.raises(CorruptChunkError, match="observation 2 of location 'lab' is corrupt"):
+        compact(ctx, "lab")
+
+
+def test_two_compactions_at_once_lose_and_double_nothing(ctx: Context) -> None:
+    make_location(ctx, "lab", (50, 50))
+    rows = [(60.0 * n + 0.5, (n * 37) % 2500, n % 2) for n in range(60)]
+    with ThreadPoolExecutor(6) as pool:
+        posts = [pool.submit(post_rows, ctx, "lab", rows[n : n + 3]) for n in range(0, 60, 3)]
+        compactions = [pool.submit(compact, ctx, "lab") for _ in range(12)]
+        for each in (*posts, *compactions):
+            each.result()
+    for _ in range(2):
+        for chunk in range(3):
+            states = read_history(ctx, "lab", chunk, 0, 60).states()
+            for _, cell, state in rows:
+                if cell // CHUNK_CELLS == chunk:
+                    assert state in states[cell % CHUNK_CELLS]
+        compact(ctx, "lab")
+    place = find_location(ctx, "lab")
+    assert place.compacted_seq == place.observation_seq == 20
+
+
+def test_history_of_a_new_location_is_not_that_of_a_deleted_one(ctx: Context) -> None:
+    for state in (1, 0):
+        make_location(ctx, "lab", (50, 50))
+        post_rows(ctx, "lab", [(0.0, 7, state)])
+        assert read_history(ctx, "lab", 0, 0, 1).series(7, 0, 1).tolist() == [state]
+        delete_location(ctx, "lab")
+
+
+def test_a_stale_record_reads_its_own_tail(ctx: Context) -> None:
+    """What a record says about the log bounds what is read for it."""
+    make_location(ctx, "lab", (50, 50))
+    post_rows(ctx, "lab", [(0.0, 1, 1)])
+    place = find_location(ctx, "lab")
+    post_rows(ctx, "lab", [(60.0, 1, 1)])
+    with ctx.store.read() as work:
+        assert [number for number, _ in work.observations.tail(place)] == [1]
+        assert work.observations.tail(replace(place, compacted_seq=1)) == []

@@ -1,0 +1,184 @@
+"""Spectra and revisions: what is visible, and when."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from sqlalchemy import func, select, update
+
+from app.errors import CorruptChunkError
+from app.services.context import Context
+from app.services.predict import StateQuery, state_at
+from app.services.spectra import fitted
+from app.spectral.spectrum import Spectrum, static
+from app.storage.records import LocationRecord, RevisionRecord
+from app.storage.store import Store
+from app.storage.tables import revision, spectrum
+from app.storage.work import Work
+from tests.db.test_locations import VALUES
+from tests.support.contexts import make_location, post_rows, refit
+
+
+@pytest.fixture
+def place(store: Store) -> LocationRecord:
+    """A grid of two chunks without a model."""
+    grid = '{"frame": "map", "origin": [0, 0, 0], "resolution_m": 1.0, "shape": [40, 40]}'
+    return store.write(lambda work: work.locations.create({**VALUES, "kind": "grid2d", "grid": grid}))
+
+
+def record_of(place: LocationRecord, number: int, **changes: Any) -> RevisionRecord:
+    chosen = {"estimator": "static", "reason": "ünïcode"}
+    return RevisionRecord(
+        **{
+            "location_id": place.id,
+            "revision": number,
+            "estimator": "static",
+            "order": 0,
+            "start": -7,
+            "stop": 2**40,
+            "observation_seq": 3,
+            "measurements": 12,
+            "accuracy": 0.75,
+            "updated_at": 5.5,
+            "selection": chosen,
+            **changes,
+        }
+    )
+
+
+def means(value: float) -> Spectrum:
+    return static(np.full(4, value, np.float32), 0.0)
+
+
+def put(store: Store, place: LocationRecord, number: int, chunks: range = range(2)) -> None:
+    for chunk in chunks:
+        store.write(lambda work, chunk=chunk: work.spectra.put_chunk(place.id, number, chunk, means(chunk / 4)))
+
+
+def stored(store: Store, place: LocationRecord) -> tuple[int, dict[int, int]]:
+    """The visible revision, and how many chunks of each are stored."""
+    with store.read() as work:
+        query = select(spectrum.c.revision, func.count()).group_by(spectrum.c.revision)
+        chunks = {row[0]: row[1] for row in work.spectra._connection.execute(query)}
+        return work.locations.get(place.name).revision, chunks
+
+
+def test_a_revision_is_visible_once_it_is_published(store: Store, place: LocationRecord) -> None:
+    put(store, place, 1)
+    with store.read() as work:
+        assert work.spectra.current() == {}
+        assert work.spectra.next_number(place.id) == 2
+    store.write(lambda work: work.spectra.publish(record_of(place, 1)))
+    with store.read() as work:
+        assert work.spectra.current() == {place.id: record_of(place, 1)}
+        assert work.spectra.get(place.id, 1) == record_of(place, 1)
+        assert work.spectra.get(place.id, 2) is None
+        assert work.spectra.chunk(place, 1, 1).mean.tolist() == [0.25] * 4
+
+
+def test_what_is_not_known_of_a_revision_stays_unknown(store: Store, place: LocationRecord) -> None:
+    record = record_of(place, 1, accuracy=None, selection=None)
+    store.write(lambda work: work.spectra.publish(record))
+    with store.read() as work:
+        assert work.spectra.get(place.id, 1) == record
+
+
+def test_earlier_revisions_go(store: Store, place: LocationRecord) -> None:
+    for number in (1, 2):
+        put(store, place, number)
+        store.write(lambda work, number=number: work.spectra.publish(record_of(place, number)))
+    assert stored(store, place) == (2, {2: 2})
+    with store.read() as work:
+        assert work.spectra.get(place.id, 1) is None
+
+
+def test_two_updates_at_once_do_not_take_each_others_chunks(store: Store, place: LocationRecord) -> None:
+    put(store, place, 1)
+    put(store, place, 2, range(1))
+    store.write(lambda work: work.spectra.publish(record_of(place, 1)))
+    assert stored(store, place) == (1, {1: 2, 2: 1})
+    put(store, place, 2, range(1, 2))
+    store.write(lambda work: work.spectra.publish(record_of(place, 2)))
+    assert stored(store, place) == (2, {2: 2})
+
+
+def test_a_slower_earlier_update_does_not_hide_a_later_one(store: Store, place: LocationRecord) -> None:
+    put(store, place, 1)
+    put(store, place, 2)
+    for number in (2, 1):
+        store.write(lambda work, number=number: work.spectra.publish(record_of(place, number)))
+    assert stored(store, place) == (2, {2: 2})
+    with store.read() as work:
+        assert list(work.spectra.current().values()) == [record_of(place, 2)]
+
+
+def test_a_number_is_not_used_again_after_a_crash(store: Store, place: LocationRecord) -> None:
+    put(store, place, 1)
+    store.write(lambda work: work.spectra.publish(record_of(place, 1)))
+    put(store, place, 5, range(1))
+    with store.read() as work:
+        assert work.spectra.next_number(place.id) == 6
+    put(store, place, 6)
+    store.write(lambda work: work.spectra.publish(record_of(place, 6)))
+    assert stored(store, place) == (6, {6: 2})
+
+
+def test_publishing_for_a_deleted_location_leaves_nothing(store: Store, place: LocationRecord) -> None:
+    store.write(lambda work: work.locations.delete(place.name))
+    store.write(lambda work: work.spectra.publish(record_of(place, 1)))
+    with store.read() as work:
+        assert work.spectra._connection.execute(select(revision)).all() == []
+
+
+def fit_lab(ctx: Context) -> None:
+    make_location(ctx, "lab", (50, 50))
+    post_rows(ctx, "lab", [(60.0 * n, cell, n % 2) for n in range(4) for cell in (0, 1030, 2400)])
+    refit(ctx, "lab", estimator="fft", order=1)
+
+
+def change_payload(ctx: Context, chunk: int, payload: bytes) -> None:
+    def run(work: Work) -> None:
+        work.spectra._connection.execute(update(spectrum).where(spectrum.c.chunk == chunk).values(payload=payload))
+
+    ctx.store.write(run)
+
+
+@pytest.mark.parametrize(
+    ("payload", "reason"),
+    [(b"", "cut short"), (b"\1\2\3\4\5\6", "checksum is wrong"), (b"\2rest", "format is 2, this version reads 1")],
+)
+def test_a_damaged_spectrum_is_named_and_hurts_no_other(ctx: Context, payload: bytes, reason: str) -> None:
+    fit_lab(ctx)
+    change_payload(ctx, 1, payload)
+    with pytest.raises(CorruptChunkError, match=f"spectrum of location 'lab', chunk 1 is corrupt: .*{reason}"):
+        state_at(ctx, "lab", StateQuery(0.0))
+    with ctx.store.read() as work:
+        place = work.locations.get("lab")
+        assert [work.spectra.chunk(place, 1, chunk).n_cells for chunk in (0, 2)] == [1024, 452]
+    refit(ctx, "lab", estimator="fft", order=1)
+    assert state_at(ctx, "lab", StateQuery(0.0)).cell.tolist() == [0, 1030, 2400]
+
+
+def test_a_missing_chunk_is_named(ctx: Context) -> None:
+    fit_lab(ctx)
+    with ctx.store.read() as work, pytest.raises(CorruptChunkError, match="lab', chunk 3 is missing from revision 1"):
+        work.spectra.chunk(work.locations.get("lab"), 1, 3)
+
+
+def test_an_update_between_asking_and_loading_is_followed(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The chunks of a revision go when the next is published, also for whoever is about to read them."""
+    fit_lab(ctx)
+    from app.services import spectra
+
+    load = spectra._load
+    calls = []
+
+    def late(*arguments: Any) -> Spectrum:
+        calls.append(1)
+        if len(calls) == 1:
+            refit(ctx, "lab", estimator="fft", order=1)
+        return load(*arguments)
+
+    monkeypatch.setattr(spectra, "_load", late)
+    assert fitted(ctx, "lab").revision.revision == 2
+    assert len(calls) == 2

@@ -1,0 +1,79 @@
+"""Services in this process, without a server: an open context, a clock to set, and posts."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from app.formats.arrow import encode_table
+from app.ingest.observation import ARROW, Body
+from app.schemas.locations import Location, LocationForm
+from app.services.context import Context, open_context
+from app.services.locations import create_location
+from app.services.observe import Observed, Post, observe
+from app.services.update import UpdateRequest, run_update
+from app.settings import Settings
+from app.spectral.measurements import Measurements
+from app.storage.records import RevisionRecord
+from tests.support.truth import Row, measurements_of
+
+NOW = 1_700_000_000.0
+"""A Tuesday, 22:13:20 UTC."""
+
+
+class Clock:
+    """Stands still until somebody moves it."""
+
+    def __init__(self, now: float = NOW) -> None:
+        self.now = now
+
+    def __call__(self) -> float:
+        return self.now
+
+
+class Serial:
+    """The simplest executor: one task after the other, here."""
+
+    def map(self, task: Any, items: Iterable[Any]) -> Iterable[Any]:
+        return map(task, items)
+
+
+@contextmanager
+def opened(url: str, clock: Clock | None = None, **settings: Any) -> Iterator[Context]:
+    """A context whose updater, if a test starts one, only does what it is asked to."""
+    chosen = Settings(database_url=url, **{"updater": False, **settings})
+    with open_context(chosen, clock or Clock()) as ctx:
+        yield ctx
+
+
+def make_location(ctx: Context, name: str = "lab", shape: Sequence[int] | None = None, **form: Any) -> Location:
+    """A `state`, or a grid where a shape is given; samples of a minute unless told otherwise."""
+    if shape is not None:
+        form |= {"kind": f"grid{len(shape)}d", "grid": {"resolution_m": 0.5, "shape": list(shape)}}
+    return create_location(ctx, LocationForm(**{"name": name, "interval_s": 60.0, **form}))
+
+
+def arrow(measurements: Measurements, kind: str = "grid3d") -> Body:
+    """The body of a post."""
+    columns = {"time": measurements.time, "cell": measurements.cell, "state": measurements.state}
+    if kind == "state":
+        del columns["cell"]
+    return Body(encode_table(columns, {}), ARROW)
+
+
+def post_rows(ctx: Context, name: str, rows: Iterable[Row], **post: Any) -> Observed:
+    """Post measurements of a grid."""
+    return observe(ctx, name, Post(arrow(measurements_of(rows)), **post))
+
+
+def post_states(ctx: Context, name: str, time: Any, state: Any, **post: Any) -> Observed:
+    """Post measurements of a `state`."""
+    times = np.asarray(time, np.float64)
+    columns = Measurements(times, np.zeros(len(times), np.uint32), np.asarray(state, np.uint8))
+    return observe(ctx, name, Post(arrow(columns, "state"), **post))
+
+
+def refit(ctx: Context, name: str = "lab", **request: Any) -> RevisionRecord:
+    """An update, here and now."""
+    return run_update(ctx, name, UpdateRequest(**request), Serial(), lambda _: None)

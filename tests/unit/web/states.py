@@ -1,0 +1,86 @@
+"""A state as the services answer it, and a source of such states."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.errors import LocationNotFoundError, NoModelError
+from app.schemas.anomalies import Event
+from app.schemas.locations import Grid, Location
+from web.viewer.source import Question
+
+NOW = 1_800_000_000.0
+
+
+@dataclass(frozen=True, eq=False)
+class FakeState:
+    """Three cells of a [2, 3, 4] grid unless said otherwise."""
+
+    time: float = NOW
+    confidence: float = 0.9
+    estimator: str = "fft"
+    order: int = 2
+    revision: int = 1
+    shape: tuple[int, ...] = (2, 3, 4)
+    cell: NDArray[np.int64] = field(default_factory=lambda: np.array([0, 5, 23]))
+    probability: NDArray[np.float32] = field(default_factory=lambda: np.array([1.0, 0.5, 0.02], np.float32))
+    observed: NDArray[np.uint8] | None = field(default_factory=lambda: np.array([1, 0, 1], np.uint8))
+    observed_time: NDArray[np.float64] | None = field(default_factory=lambda: np.full(3, NOW))
+
+
+def location(name: str, last_time: float | None = NOW, kind: str = "grid3d") -> Location:
+    """A grid as the services describe it."""
+    return Location(
+        name=name,
+        kind=kind,
+        interval_s=60,
+        time_zone="Europe/London",
+        epoch=0.0,
+        grid=Grid(origin=(1.0, 2.0, 3.0), resolution_m=0.5, shape=[2, 3, 4]),
+        shape=[2, 3, 4],
+        estimator="auto",
+        order="auto",
+        confidence=0.9,
+        missing="mask",
+        hold_s=None,
+        retention=None,
+        min_cells=1,
+        created_at=0.0,
+        observations=3,
+        first_time=None if last_time is None else NOW - 86400,
+        last_time=last_time,
+        revision=1,
+        updated_at=NOW,
+        accuracy=0.9,
+        open_anomalies=0,
+    )
+
+
+class FakeSource:
+    """Grids by name; a name in `without_model` has no revision yet."""
+
+    def __init__(self, *names: str, without_model: tuple[str, ...] = ()) -> None:
+        self.places = {name: location(name) for name in names}
+        self.without_model = without_model
+        self.asked: list[Question] = []
+
+    def now(self) -> float:
+        return NOW
+
+    def grids(self) -> list[Location]:
+        return list(self.places.values())
+
+    def grid(self, name: str) -> Location:
+        if name not in self.places:
+            raise LocationNotFoundError(name)
+        return self.places[name]
+
+    def state(self, question: Question) -> FakeState:
+        if question.location in self.without_model:
+            raise NoModelError(question.location)
+        self.asked.append(question)
+        return FakeState(time=question.time, confidence=question.confidence or 0.9)
+
+    def events(self, name: str, start: float) -> list[Event]:
+        return []

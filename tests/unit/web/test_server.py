@@ -1,0 +1,51 @@
+"""The viewer's server: nothing is shared, and news and messages come in handy portions."""
+
+import asyncio
+import threading
+
+from app.events.bus import Bus
+from app.events.messages import Message
+from web.viewer.news import News
+from web.viewer.server import _Viser
+from web.viewer.sockets import Outbox
+
+
+def test_nobody_can_open_a_tunnel_to_a_public_server() -> None:
+    assert _Viser.request_share_url(object()) is None  # type: ignore[arg-type]
+
+
+def test_news_are_told_together() -> None:
+    told: list[set[str]] = []
+    enough = threading.Event()
+
+    def tell(names: set[str]) -> None:
+        told.append(names)
+        if "last" in names:
+            enough.set()
+
+    bus, news = Bus(), News(tell)
+    news.start(bus)
+    for number in range(200):
+        bus.publish(Message("observation", "lab", number, 0.0))
+    bus.publish(Message("update", "last", 1, 0.0))
+    assert enough.wait(5)
+    assert set().union(*told) == {"lab", "last"}
+    assert len(told) <= 3
+    news.stop()
+
+
+def test_a_slow_page_gets_the_newest_of_each_kind() -> None:
+    async def scenario() -> list[tuple[str, int]]:
+        outbox = Outbox()
+        for number in range(5):
+            outbox.put({"kind": "frame", "number": number})
+        outbox.put({"kind": "place", "number": 9})
+        await asyncio.sleep(0)
+        read = []
+        async for message in outbox.taken():
+            read.append((message["kind"], message["number"]))
+            if len(read) == 2:
+                break
+        return read
+
+    assert asyncio.run(scenario()) == [("frame", 4), ("place", 9)]

@@ -1,0 +1,222 @@
+"""Sessions: the newest wish wins, one update at a time, and the page is told what is the matter."""
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from tests.unit.web.states import NOW, FakeSource, location
+from web.viewer.messages import Aim, Select, Wish, parse
+from web.viewer.session import Session
+
+
+class Page:
+    """Keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.told: list[dict[str, Any]] = []
+        self._more = threading.Condition()
+
+    def hear(self, message: dict[str, Any]) -> None:
+        with self._more:
+            self.told.append(message)
+            self._more.notify_all()
+
+    def last(self, kind: str, true: Callable[[dict[str, Any]], bool] = lambda _: True) -> dict[str, Any]:
+        """The newest message of a kind that fulfils a condition; waits for it."""
+
+        def found() -> dict[str, Any] | None:
+            return next((m for m in reversed(self.told) if m["kind"] == kind and true(m)), None)
+
+        with self._more:
+            assert self._more.wait_for(found, timeout=5), self.told
+            return found() or {}
+
+
+class FakeScene:
+    """Counts what is drawn; `gate` holds updates back until it is set, as a slow browser does."""
+
+    def __init__(self) -> None:
+        self.client = SimpleNamespace(atomic=self._atomic, flush=lambda: None)
+        self.layout: Any = None
+        self.drawn: list[str] = []
+        self.gate = threading.Event()
+        self.gate.set()
+        self.fails: Exception | None = None
+
+    @contextmanager
+    def _atomic(self) -> Iterator[None]:
+        yield
+
+    def clear(self) -> None:
+        self.drawn.append("clear")
+        self.layout = None
+
+    def build(self, layout: Any, extent: int) -> None:
+        self.drawn.append("build")
+        self.layout = layout
+
+    def aim(self, from_above: bool) -> None:
+        self.drawn.append("above" if from_above else "slanted")
+
+    def show(self, picture: Any) -> None:
+        self.drawn.append("show")
+
+    def select(self, index: Any) -> None:
+        self.drawn.append("select" if index is not None else "-")
+
+    def send(self, wait_s: float) -> None:
+        assert self.gate.wait(5)
+        if self.fails is not None:
+            error, self.fails = self.fails, None
+            raise error
+
+
+@pytest.fixture
+def page() -> Page:
+    return Page()
+
+
+@contextmanager
+def running(source: FakeSource, page: Page) -> Iterator[Session]:
+    session = Session("0123456789abcdef", source, page.hear)
+    session.start()
+    try:
+        yield session
+    finally:
+        session.close()
+
+
+def test_it_opens_with_the_first_grid_at_its_newest_time(page: Page) -> None:
+    with running(FakeSource("lab", "yard"), page) as session:
+        session.attach(FakeScene())
+        session.ask(Wish())
+        assert page.last("grids")["items"] == [
+            {"name": "lab", "kind": "grid3d"},
+            {"name": "yard", "kind": "grid3d"},
+        ]
+        assert page.last("place")["time_zone"] == "Europe/London"
+        frame = page.last("frame")
+        assert (frame["location"], frame["time"], frame["revision"]) == ("lab", NOW, 1)
+        assert (frame["predicted"], frame["observed"], frame["unexpected"]) == (2, 2, 1)
+
+
+def test_only_the_newest_of_many_wishes_is_drawn(page: Page) -> None:
+    source, scene = FakeSource("lab"), FakeScene()
+    with running(source, page) as session:
+        session.attach(scene)
+        page.last("frame")
+        scene.gate.clear()
+        for i in range(100):
+            session.ask(Wish(time=NOW - i))
+        assert not session.stats()["idle"]
+        scene.gate.set()
+        page.last("frame", lambda frame: frame["time"] == NOW - 99)
+        assert len(source.asked) < 5
+
+
+def test_a_scene_is_built_once_and_again_for_another_grid(page: Page) -> None:
+    scene = FakeScene()
+    with running(FakeSource("lab", "yard"), page) as session:
+        session.attach(scene)
+        session.ask(Wish(location="lab", time=NOW - 1))
+        page.last("frame", lambda frame: frame["time"] == NOW - 1)
+        session.ask(Wish(location="lab", time=NOW - 2))
+        page.last("frame", lambda frame: frame["time"] == NOW - 2)
+        assert scene.drawn.count("build") == 1
+        session.ask(Wish(location="yard"))
+        page.last("frame", lambda frame: frame["location"] == "yard")
+        assert scene.drawn.count("build") == 2
+        session.ask(Aim(kind="aim", view="above"))
+        session.ask(Select(kind="select", cell=5))
+        selected = page.last("frame", lambda frame: frame["selected"] is not None)["selected"]
+        assert scene.drawn.count("above") == 1
+        assert (selected["index"], selected["position_m"]) == ([0, 1, 1], [1.25, 2.75, 3.75])
+
+
+def test_live_moves_with_new_observations_and_others_do_not_disturb(page: Page) -> None:
+    source = FakeSource("lab", "yard")
+    with running(source, page) as session:
+        session.ask(Wish(location="lab", follow=True))
+        page.last("frame")
+        source.places["lab"] = location("lab", NOW + 60)
+        session.notify({"yard"})
+        session.notify({"lab"})
+        page.last("frame", lambda frame: frame["time"] == NOW + 60)
+        assert page.last("place")["span"]["last"] == NOW + 60
+
+
+def test_a_new_location_appears_in_the_list(page: Page) -> None:
+    source = FakeSource("lab")
+    with running(source, page) as session:
+        session.ask(Wish())
+        page.last("frame")
+        source.places["yard"] = location("yard")
+        session.notify({"yard"})
+        page.last("grids", lambda grids: len(grids["items"]) == 2)
+
+
+@pytest.mark.parametrize(
+    ("source", "reason"),
+    [
+        (FakeSource(), "no-grids"),
+        (FakeSource("lab", without_model=("lab",)), "no-model"),
+    ],
+)
+def test_it_says_why_there_is_nothing_to_see(source: FakeSource, reason: str, page: Page) -> None:
+    with running(source, page) as session:
+        session.ask(Wish())
+        assert page.last("notice")["reason"] == reason
+
+
+def test_it_recovers_from_what_is_missing(page: Page) -> None:
+    source = FakeSource("lab")
+    source.places["lab"] = location("lab", None)
+    with running(source, page) as session:
+        session.ask(Wish(location="nowhere"))
+        assert page.last("notice")["reason"] == "not-found"
+        session.ask(Wish(location="lab"))
+        page.last("notice", lambda notice: notice["reason"] == "no-observations")
+        source.places["lab"] = location("lab")
+        session.notify({"lab"})
+        page.last("frame")
+
+
+def test_a_browser_that_has_gone_is_painted_anew_when_it_is_back(page: Page) -> None:
+    scene = FakeScene()
+    with running(FakeSource("lab"), page) as session:
+        scene.fails = ConnectionError()
+        session.attach(scene)
+        session.ask(Wish(time=NOW - 1))
+        page.last("frame", lambda frame: frame["time"] == NOW - 1)
+        again = FakeScene()
+        session.attach(again)
+        session.ask(Wish(time=NOW - 2))
+        page.last("frame", lambda frame: frame["time"] == NOW - 2)
+        assert "build" in again.drawn
+
+
+def test_a_browser_that_sleeps_does_not_hold_up_the_page(page: Page) -> None:
+    scene = FakeScene()
+    with running(FakeSource("lab"), page) as session:
+        scene.fails = TimeoutError()
+        session.attach(scene)
+        page.last("frame")
+        session.ask(Wish(time=NOW - 2))
+        page.last("frame", lambda frame: frame["time"] == NOW - 2)
+        assert scene.drawn.count("build") == 1
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", '{"kind": "wish", "time": "today"}', '{"kind": "wish", "floor": 2}', '{"kind": "x"}']
+)
+def test_a_wrong_message_is_refused(text: str) -> None:
+    with pytest.raises(ValueError):  # noqa: PT011
+        parse(text)
+
+
+def test_a_wish_may_leave_everything_out() -> None:
+    assert parse('{"kind": "wish"}') == Wish()
