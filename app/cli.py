@@ -37,7 +37,9 @@ def _failed(message: str) -> int:
 
 
 def _explain(error: ValidationError) -> str:
-    places = (f"TIDEMAP_{str(each['loc'][0]).upper()}: {each['msg']}" for each in error.errors())
+    places = (
+        f"TIDEMAP_{str(each['loc'][0]).upper()}: {each['msg'].removeprefix('Value error, ')}" for each in error.errors()
+    )
     return "a setting is wrong. " + "; ".join(places)
 
 

@@ -234,6 +234,13 @@ class SchemaVersionError(TidemapError):
     title = "Unknown schema version"
 
 
+class DatabaseUnusableError(TidemapError):
+    """There is no database at the address, or something else than one of ours."""
+
+    code = "database-unusable"
+    title = "Database unusable"
+
+
 class StorageUnavailableError(BusyError):
     """The database does not take writes now."""
 

@@ -2,8 +2,9 @@
 
 import ipaddress
 from pathlib import Path
+from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 
@@ -67,7 +68,14 @@ class Settings(BaseSettings):
     spectrum_cache_bytes: int = Field(512 * 2**20, ge=0, description="Memory for spectra.")
     socket_queue: int = Field(256, gt=0, description="Events a WebSocket reader may lag behind before it is dropped.")
     viewer: bool = Field(True, description="Run the 3D viewer.")
-    log_level: str = Field("info", description="debug, info, warning or error.")
+    log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="How much to log.")
+
+    @field_validator("database_url")
+    @classmethod
+    def _known_database(cls, url: str | None) -> str | None:
+        if url is not None and not url.startswith(("postgresql+psycopg://", "sqlite:///")):
+            raise ValueError("give postgresql+psycopg://user@host/name, or sqlite:///path")
+        return url
 
     @property
     def keyless(self) -> bool:

@@ -66,7 +66,7 @@ def view(page: Page, url: str) -> None:
 def drawn(page: Page) -> bool:
     """Whether the scene is connected and has everything the session wants to show."""
     sessions = page.evaluate("fetch('/view/sessions').then(answer => answer.json())")
-    return any(each["attached"] and each["idle"] and each["predicted"] for each in sessions)
+    return any(each["idle"] and each["predicted"] for each in sessions)
 
 
 def settled(page: Page) -> bytes:

@@ -61,7 +61,7 @@ def serve(ctx: Context, options: Options) -> int:
             ws_max_size=64 * 2**20,
             ws_per_message_deflate=False,
         )
-        bound = config.bind_socket()
+        bound = _bind(settings.host, settings.port)
         stack.callback(bound.close)
         url = _url(bound)
 
@@ -76,6 +76,19 @@ def serve(ctx: Context, options: Options) -> int:
             signal.signal(asked, lambda *_: None)
         server.run([bound])
         return 0 if server.started else 1
+
+
+def _bind(host: str, port: int) -> socket.socket:
+    """A socket at the address. Raises OSError naming it."""
+    bound = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
+    bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        bound.bind((host, port))
+    except OSError as error:
+        bound.close()
+        raise OSError(f"cannot listen on {host}, port {port}: {error.strerror}") from None
+    bound.set_inheritable(True)
+    return bound
 
 
 def _url(bound: socket.socket) -> str:

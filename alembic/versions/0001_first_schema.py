@@ -18,7 +18,7 @@ BigInt = sa.BigInteger().with_variant(sa.Integer(), "sqlite")
 def upgrade() -> None:
     op.create_table(
         "api_key",
-        sa.Column("id", sa.BigInteger().with_variant(sa.Integer(), "sqlite"), autoincrement=True, nullable=False),
+        sa.Column("id", BigInt, autoincrement=True, nullable=False),
         sa.Column("name", sa.String(length=128), nullable=False),
         sa.Column("role", sa.String(length=16), nullable=False),
         sa.Column("prefix", sa.String(length=16), nullable=False),
@@ -30,12 +30,12 @@ def upgrade() -> None:
     op.create_table(
         "counter",
         sa.Column("name", sa.String(length=32), nullable=False),
-        sa.Column("value", sa.BigInteger().with_variant(sa.Integer(), "sqlite"), nullable=False),
+        sa.Column("value", BigInt, nullable=False),
         sa.PrimaryKeyConstraint("name", name=op.f("pk_counter")),
     )
     op.create_table(
         "location",
-        sa.Column("id", sa.BigInteger().with_variant(sa.Integer(), "sqlite"), autoincrement=True, nullable=False),
+        sa.Column("id", BigInt, autoincrement=True, nullable=False),
         sa.Column("name", sa.String(length=128), nullable=False),
         sa.Column("kind", sa.String(length=16), nullable=False),
         sa.Column("interval_s", sa.Float(precision=53), nullable=False),
@@ -50,9 +50,9 @@ def upgrade() -> None:
         sa.Column("retention_s", sa.Float(precision=53), nullable=True),
         sa.Column("min_cells", sa.Integer(), nullable=False),
         sa.Column("created_at", sa.Float(precision=53), nullable=False),
-        sa.Column("observation_seq", sa.BigInteger().with_variant(sa.Integer(), "sqlite"), nullable=False),
-        sa.Column("compacted_seq", sa.BigInteger().with_variant(sa.Integer(), "sqlite"), nullable=False),
-        sa.Column("measurements", sa.BigInteger().with_variant(sa.Integer(), "sqlite"), nullable=False),
+        sa.Column("observation_seq", BigInt, nullable=False),
+        sa.Column("compacted_seq", BigInt, nullable=False),
+        sa.Column("measurements", BigInt, nullable=False),
         sa.Column("first_time", sa.Float(precision=53), nullable=True),
         sa.Column("last_time", sa.Float(precision=53), nullable=True),
         sa.Column("revision", sa.Integer(), nullable=False),
@@ -61,8 +61,8 @@ def upgrade() -> None:
     )
     op.create_table(
         "anomaly",
-        sa.Column("location_id", sa.BigInteger().with_variant(sa.Integer(), "sqlite"), nullable=False),
-        sa.Column("id", sa.BigInteger().with_variant(sa.Integer(), "sqlite"), autoincrement=False, nullable=False),
+        sa.Column("location_id", BigInt, nullable=False),
+        sa.Column("id", BigInt, autoincrement=False, nullable=False),
         sa.Column("start", sa.Float(precision=53), nullable=False),
         sa.Column("stop", sa.Float(precision=53), nullable=False),
         sa.Column("cells", sa.LargeBinary(), nullable=False),
@@ -87,9 +87,9 @@ def upgrade() -> None:
 
     op.create_table(
         "history",
-        sa.Column("location_id", sa.BigInteger().with_variant(sa.Integer(), "sqlite"), nullable=False),
+        sa.Column("location_id", BigInt, nullable=False),
         sa.Column("chunk", sa.Integer(), autoincrement=False, nullable=False),
-        sa.Column("segment", sa.BigInteger().with_variant(sa.Integer(), "sqlite"), autoincrement=False, nullable=False),
+        sa.Column("segment", BigInt, autoincrement=False, nullable=False),
         sa.Column("payload", sa.LargeBinary(), nullable=False),
         sa.ForeignKeyConstraint(
             ["location_id"], ["location.id"], name=op.f("fk_history_location_id_location"), ondelete="CASCADE"
@@ -98,8 +98,8 @@ def upgrade() -> None:
     )
     op.create_table(
         "job",
-        sa.Column("location_id", sa.BigInteger().with_variant(sa.Integer(), "sqlite"), nullable=False),
-        sa.Column("id", sa.BigInteger().with_variant(sa.Integer(), "sqlite"), autoincrement=False, nullable=False),
+        sa.Column("location_id", BigInt, nullable=False),
+        sa.Column("id", BigInt, autoincrement=False, nullable=False),
         sa.Column("kind", sa.String(length=16), nullable=False),
         sa.Column("state", sa.String(length=16), nullable=False),
         sa.Column("progress", sa.Float(precision=53), nullable=False),
@@ -119,11 +119,11 @@ def upgrade() -> None:
 
     op.create_table(
         "observation",
-        sa.Column("location_id", sa.BigInteger().with_variant(sa.Integer(), "sqlite"), nullable=False),
-        sa.Column("id", sa.BigInteger().with_variant(sa.Integer(), "sqlite"), autoincrement=False, nullable=False),
+        sa.Column("location_id", BigInt, nullable=False),
+        sa.Column("id", BigInt, autoincrement=False, nullable=False),
         sa.Column("received_at", sa.Float(precision=53), nullable=False),
         sa.Column("source", sa.String(length=128), nullable=True),
-        sa.Column("measurements", sa.BigInteger().with_variant(sa.Integer(), "sqlite"), nullable=False),
+        sa.Column("measurements", BigInt, nullable=False),
         sa.Column("first_time", sa.Float(precision=53), nullable=False),
         sa.Column("last_time", sa.Float(precision=53), nullable=False),
         sa.Column("idempotency_key", sa.String(length=255), nullable=True),
@@ -139,14 +139,13 @@ def upgrade() -> None:
 
     op.create_table(
         "revision",
-        sa.Column("location_id", sa.BigInteger().with_variant(sa.Integer(), "sqlite"), nullable=False),
+        sa.Column("location_id", BigInt, nullable=False),
         sa.Column("revision", sa.Integer(), autoincrement=False, nullable=False),
-        sa.Column("estimator", sa.String(length=16), nullable=False),
-        sa.Column("order", sa.Integer(), nullable=False),
-        sa.Column("start", sa.BigInteger().with_variant(sa.Integer(), "sqlite"), nullable=False),
-        sa.Column("stop", sa.BigInteger().with_variant(sa.Integer(), "sqlite"), nullable=False),
-        sa.Column("observation_seq", sa.BigInteger().with_variant(sa.Integer(), "sqlite"), nullable=False),
-        sa.Column("measurements", sa.BigInteger().with_variant(sa.Integer(), "sqlite"), nullable=False),
+        sa.Column("recipe", sa.Text(), nullable=False),
+        sa.Column("start", BigInt, nullable=False),
+        sa.Column("stop", BigInt, nullable=False),
+        sa.Column("observation_seq", BigInt, nullable=False),
+        sa.Column("measurements", BigInt, nullable=False),
         sa.Column("accuracy", sa.Float(precision=53), nullable=True),
         sa.Column("updated_at", sa.Float(precision=53), nullable=False),
         sa.Column("selection", sa.Text(), nullable=True),
@@ -157,7 +156,7 @@ def upgrade() -> None:
     )
     op.create_table(
         "spectrum",
-        sa.Column("location_id", sa.BigInteger().with_variant(sa.Integer(), "sqlite"), nullable=False),
+        sa.Column("location_id", BigInt, nullable=False),
         sa.Column("revision", sa.Integer(), autoincrement=False, nullable=False),
         sa.Column("chunk", sa.Integer(), autoincrement=False, nullable=False),
         sa.Column("payload", sa.LargeBinary(), nullable=False),

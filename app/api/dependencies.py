@@ -24,7 +24,7 @@ async def body(request: Request) -> Body:
     """The unpacked body of a request, within the limit."""
     ctx: Context = request.app.state.ctx
     content = await read_body(request, ctx.settings.max_body_bytes)
-    media_type = request.headers.get("content-type", "application/json").partition(";")[0].strip().lower()
+    media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     return Body(content, media_type)
 
 

@@ -9,24 +9,42 @@
         door.predict(time=tomorrow_9am).probability
 
 `AsyncClient` has the same operations, awaited.
+
+A robot that is not always in range gives its client an outbox, a file on its own disk. What it observes is then kept
+there, however the robot ends, until the server has stored it, once:
+
+    with Client("http://127.0.0.1:8000", key="tm_...", outbox="/var/lib/robot/outbox.db") as tidemap:
+        tidemap.location("office-door").observe(time=times, state=states)    # Queued(batches=1, measurements=...)
+        tidemap.outbox.pending                                               # Pending(batches=1, bytes=..., ...)
+        tidemap.outbox.flush(10)                                             # True: everything was sent
+        tidemap.outbox.refused()                                             # what the server does not want, and why
 """
 
 from app.client.answers import UNKNOWN, Prediction, Series, State
 from app.client.asynchronous import AsyncClient, AsyncLocationHandle
 from app.client.blocking import Client, LocationHandle
-from app.client.errors import TidemapError, UnreachableError
+from app.client.errors import OutboxError, OutboxFullError, TidemapError, UnreachableError
 from app.client.feed import Message
+from app.client.outbox import AsyncOutbox, Outbox, Pending, Refused
 from app.client.patience import Patience
+from app.client.posting import Queued
 
 __all__ = [
     "UNKNOWN",
     "AsyncClient",
     "AsyncLocationHandle",
+    "AsyncOutbox",
     "Client",
     "LocationHandle",
     "Message",
+    "Outbox",
+    "OutboxError",
+    "OutboxFullError",
     "Patience",
+    "Pending",
     "Prediction",
+    "Queued",
+    "Refused",
     "Series",
     "State",
     "TidemapError",

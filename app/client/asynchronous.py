@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import AsyncIterator
-from typing import Self
+from typing import Generic, Self, overload
 
 import httpx
 from websockets.asyncio.client import connect
@@ -10,19 +10,24 @@ from websockets.asyncio.client import connect
 from app.client.administration import ClientOperations, JobOperations, KeyOperations
 from app.client.feed import BROKEN, Feed, Message, MessageKind
 from app.client.location import LocationOperations
-from app.client.operation import Awaited
+from app.client.operation import Awaited, AwaitedPoster, R
+from app.client.outbox import AsyncOutbox, Outbox, PathLike, open_outbox
+from app.client.outbox.blocking import present
 from app.client.patience import Patience, persistent
 from app.client.plans import Plan, Reply, Request, Run, T
+from app.client.posting import Post, Queued, Receipt
 from app.client.requests import path_of
 from app.client.transport import Server
+from app.schemas.observations import Accepted
 
 
 class AsyncConnection:
     """One pool of HTTP connections to one server, and how patiently it is used."""
 
-    def __init__(self, server: Server, timeout_s: float, patience: Patience) -> None:
+    def __init__(self, server: Server, timeout_s: float, patience: Patience, outbox: Outbox | None) -> None:
         self.server = server
         self.patience = patience
+        self.outbox = outbox
         self.http = httpx.AsyncClient(base_url=server.base, headers=server.headers, timeout=timeout_s)
 
     async def run(self, plan: Plan[T]) -> T:
@@ -32,6 +37,12 @@ class AsyncConnection:
             run.send(await self._carry(run.request))
         return run.result
 
+    async def post(self, post: Post) -> Receipt:
+        """Send the measurements, or queue them where there is an outbox."""
+        if self.outbox is None:
+            return await self.run(post.plan())
+        return await asyncio.to_thread(self.outbox.put, post)
+
     async def _carry(self, request: Request) -> Reply:
         await asyncio.sleep(request.after_s)
         try:
@@ -40,7 +51,7 @@ class AsyncConnection:
             return error
 
 
-class AsyncLocationHandle(LocationOperations, Awaited):
+class AsyncLocationHandle(LocationOperations, AwaitedPoster[R]):
     """One location, awaited."""
 
 
@@ -52,13 +63,44 @@ class AsyncKeys(KeyOperations, Awaited):
     """Who may do what (role admin), awaited."""
 
 
-class AsyncClient(ClientOperations[AsyncLocationHandle], Awaited):
+class AsyncClient(ClientOperations[AsyncLocationHandle[R]], Awaited, Generic[R]):
     """`Client` for asyncio: the same operations, awaited; lists and events are asynchronous iterators."""
 
+    @overload
     def __init__(
-        self, url: str, key: str | None = None, *, timeout_s: float = 60.0, patience: Patience | None = None
+        self: "AsyncClient[Accepted]",
+        url: str,
+        key: str | None = None,
+        *,
+        timeout_s: float = ...,
+        patience: Patience | None = ...,
+        outbox: None = None,
+        outbox_bytes: int = ...,
+    ) -> None: ...
+    @overload
+    def __init__(
+        self: "AsyncClient[Queued]",
+        url: str,
+        key: str | None = None,
+        *,
+        timeout_s: float = ...,
+        patience: Patience | None = ...,
+        outbox: PathLike,
+        outbox_bytes: int = ...,
+    ) -> None: ...
+    def __init__(
+        self,
+        url: str,
+        key: str | None = None,
+        *,
+        timeout_s: float = 60.0,
+        patience: Patience | None = None,
+        outbox: PathLike | None = None,
+        outbox_bytes: int = 1 << 30,
     ) -> None:
-        self._connection = AsyncConnection(Server(url, key), timeout_s, patience or Patience())
+        server, patience = Server(url, key), patience or Patience()
+        opened = open_outbox(outbox, outbox_bytes, server, timeout_s, patience)
+        self._connection = AsyncConnection(server, timeout_s, patience, opened)
         super().__init__("", self._connection)
         self.jobs = AsyncJobs("/jobs", self._connection)
         self.keys = AsyncKeys("/keys", self._connection)
@@ -72,11 +114,18 @@ class AsyncClient(ClientOperations[AsyncLocationHandle], Awaited):
     async def __aexit__(self, *_: object) -> None:
         await self.close()
 
-    async def close(self) -> None:
-        """Close the connections."""
+    @property
+    def outbox(self) -> AsyncOutbox:
+        """What was observed and is not at the server yet. Raises OutboxError if this client has no outbox."""
+        return AsyncOutbox(present(self._connection.outbox))
+
+    async def close(self, flush_s: float = 0.0) -> None:
+        """Close the connections. An outbox may send for `flush_s` more seconds; what is left it keeps."""
+        if self._connection.outbox is not None:
+            await asyncio.to_thread(self._connection.outbox.close, flush_s)
         await self._connection.http.aclose()
 
-    def location(self, name: str) -> AsyncLocationHandle:
+    def location(self, name: str) -> AsyncLocationHandle[R]:
         """A handle of the location `name`, which need not exist yet; asks nothing of the server."""
         return AsyncLocationHandle(path_of(name), self._connection)
 

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterator
-from typing import Self
+from typing import Generic, Self, overload
 
 import httpx
 from websockets.sync.client import connect
@@ -10,19 +10,24 @@ from websockets.sync.client import connect
 from app.client.administration import ClientOperations, JobOperations, KeyOperations
 from app.client.feed import BROKEN, Feed, Message, MessageKind
 from app.client.location import LocationOperations
-from app.client.operation import Blocking
+from app.client.operation import Blocking, BlockingPoster, R
+from app.client.outbox import Outbox, PathLike, open_outbox
+from app.client.outbox.blocking import present
 from app.client.patience import Patience, persistent
 from app.client.plans import Plan, Reply, Request, Run, T
+from app.client.posting import Post, Queued, Receipt
 from app.client.requests import path_of
 from app.client.transport import Server
+from app.schemas.observations import Accepted
 
 
 class Connection:
     """One pool of HTTP connections to one server, and how patiently it is used."""
 
-    def __init__(self, server: Server, timeout_s: float, patience: Patience) -> None:
+    def __init__(self, server: Server, timeout_s: float, patience: Patience, outbox: Outbox | None) -> None:
         self.server = server
         self.patience = patience
+        self.outbox = outbox
         self.http = httpx.Client(base_url=server.base, headers=server.headers, timeout=timeout_s)
 
     def run(self, plan: Plan[T]) -> T:
@@ -32,6 +37,10 @@ class Connection:
             run.send(self._carry(run.request))
         return run.result
 
+    def post(self, post: Post) -> Receipt:
+        """Send the measurements, or queue them where there is an outbox."""
+        return self.run(post.plan()) if self.outbox is None else self.outbox.put(post)
+
     def _carry(self, request: Request) -> Reply:
         time.sleep(request.after_s)
         try:
@@ -40,7 +49,7 @@ class Connection:
             return error
 
 
-class LocationHandle(LocationOperations, Blocking):
+class LocationHandle(LocationOperations, BlockingPoster[R]):
     """One location."""
 
 
@@ -52,16 +61,50 @@ class Keys(KeyOperations, Blocking):
     """Who may do what (role admin)."""
 
 
-class Client(ClientOperations[LocationHandle], Blocking):
+class Client(ClientOperations[LocationHandle[R]], Blocking, Generic[R]):
     """A Tidemap server at `url`, such as http://127.0.0.1:8000. May be shared between threads.
 
     `timeout_s` bounds one request, `patience` how often and how long one is tried again.
+
+    With `outbox`, the path of a file on a local disk, observations are written there first, at most `outbox_bytes`
+    of them, and sent in the background; see `app.client.outbox`. Raises OutboxError when the file is no outbox.
     """
 
+    @overload
     def __init__(
-        self, url: str, key: str | None = None, *, timeout_s: float = 60.0, patience: Patience | None = None
+        self: "Client[Accepted]",
+        url: str,
+        key: str | None = None,
+        *,
+        timeout_s: float = ...,
+        patience: Patience | None = ...,
+        outbox: None = None,
+        outbox_bytes: int = ...,
+    ) -> None: ...
+    @overload
+    def __init__(
+        self: "Client[Queued]",
+        url: str,
+        key: str | None = None,
+        *,
+        timeout_s: float = ...,
+        patience: Patience | None = ...,
+        outbox: PathLike,
+        outbox_bytes: int = ...,
+    ) -> None: ...
+    def __init__(
+        self,
+        url: str,
+        key: str | None = None,
+        *,
+        timeout_s: float = 60.0,
+        patience: Patience | None = None,
+        outbox: PathLike | None = None,
+        outbox_bytes: int = 1 << 30,
     ) -> None:
-        self._connection = Connection(Server(url, key), timeout_s, patience or Patience())
+        server, patience = Server(url, key), patience or Patience()
+        opened = open_outbox(outbox, outbox_bytes, server, timeout_s, patience)
+        self._connection = Connection(server, timeout_s, patience, opened)
         super().__init__("", self._connection)
         self.jobs = Jobs("/jobs", self._connection)
         self.keys = Keys("/keys", self._connection)
@@ -75,11 +118,18 @@ class Client(ClientOperations[LocationHandle], Blocking):
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def close(self) -> None:
-        """Close the connections."""
+    @property
+    def outbox(self) -> Outbox:
+        """What was observed and is not at the server yet. Raises OutboxError if this client has no outbox."""
+        return present(self._connection.outbox)
+
+    def close(self, flush_s: float = 0.0) -> None:
+        """Close the connections. An outbox may send for `flush_s` more seconds; what is left it keeps."""
+        if self._connection.outbox is not None:
+            self._connection.outbox.close(flush_s)
         self._connection.http.close()
 
-    def location(self, name: str) -> LocationHandle:
+    def location(self, name: str) -> LocationHandle[R]:
         """A handle of the location `name`, which need not exist yet; asks nothing of the server."""
         return LocationHandle(path_of(name), self._connection)
 

@@ -1,5 +1,6 @@
-"""Measurements as bytes: batches of columns, each an Arrow IPC stream."""
+"""Measurements as bytes: batches of columns, each an Arrow IPC stream, or JSON where cells are rows of indices."""
 
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -79,6 +80,32 @@ def arrow(columns: Measurements) -> bytes:
     with pa.ipc.new_stream(sink, batch.schema) as stream:
         stream.write_batch(batch)
     return bytes(sink.getvalue())
+
+
+def looks(columns: Measurements, rows: NDArray[np.int64]) -> bytes:
+    """The JSON form of looks at a grid; `columns.cell` counts into `rows` (m, 2 or 3), the cells [i, j, k].
+
+    It needs no shape and so no server. Raises ValueError for a state that it cannot say.
+    """
+    if columns.cell is None or (columns.state > 1).any():
+        raise ValueError("a state is 0 (free) or 1 (occupied)")
+    cuts = np.flatnonzero(np.diff(columns.time)) + 1
+    parts = (np.split(column, cuts) for column in (columns.time, columns.state, rows[columns.cell]))
+    observations = [
+        {"time": time[0], "occupied": row[state == 1].tolist(), "free": row[state == 0].tolist()}
+        for time, state, row in zip(*parts, strict=True)
+        if len(time)
+    ]
+    return json.dumps({"observations": observations}, separators=(",", ":")).encode()
+
+
+def indices(cells: Any) -> NDArray[np.int64]:
+    """Rows of indices (n, 2 or 3) into a grid. Raises ValueError for what is no whole number."""
+    array = np.asarray(cells)
+    rows = array.astype(np.int64)
+    if not np.array_equal(rows, array):
+        raise ValueError("a row of indices [i, j, k] is of whole numbers")
+    return rows
 
 
 def linear(cells: Any, shape: Sequence[int]) -> NDArray[np.int64]:

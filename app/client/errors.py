@@ -45,6 +45,14 @@ class UnreachableError(TidemapError):
         self.__cause__ = cause
 
 
+class OutboxError(Exception):
+    """The file of the outbox cannot be used, or not for this; the message says which file and why."""
+
+
+class OutboxFullError(OutboxError):
+    """What was observed does not fit into the outbox any more; nothing of it was kept."""
+
+
 def problem(status: int, content: bytes, retry_after: str | None = None) -> TidemapError:
     """The error of an answer that is no success; also when the body is not a problem document."""
     pause_s = _seconds(retry_after)

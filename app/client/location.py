@@ -6,10 +6,10 @@ import numpy as np
 
 from app.client import answers
 from app.client.administration import AnomalyOperations
-from app.client.encoding import ARROW, Numbers, linear, look, measurements
-from app.client.operation import operation
+from app.client.encoding import ARROW, Numbers
+from app.client.operation import operation, posting
 from app.client.plans import Plan, Request, ask
-from app.client.posting import posts
+from app.client.posting import Post, observation, sighting
 from app.client.requests import given, name_of, path_of, post, send
 from app.client.times import TimeLike, TimesLike, unix, unix_array
 from app.client.waiting import ended, until, wait_s
@@ -17,7 +17,6 @@ from app.schemas.anomalies import Events, Rule
 from app.schemas.jobs import Job
 from app.schemas.locations import EstimatorChoice, EstimatorName, Location, OrderChoice
 from app.schemas.maps import Evaluation, Model
-from app.schemas.observations import Accepted
 
 
 class LocationOperations(AnomalyOperations):
@@ -45,7 +44,7 @@ class LocationOperations(AnomalyOperations):
         """Delete the location and everything stored of it."""
         yield Request("DELETE", self.path, repeatable=False)
 
-    @operation
+    @posting
     def observe(
         self,
         time: TimesLike,
@@ -54,16 +53,18 @@ class LocationOperations(AnomalyOperations):
         *,
         source: str | None = None,
         idempotency_key: str | None = None,
-    ) -> Plan[Accepted]:
+    ) -> Post:
         """Store measurements: columns (or one) time, state (1 occupied, 0 free) and, for grids, cell.
 
         A cell is its linear index, or a row [i, j, k]. Posts in batches, each durable when it is answered and
         stored once however often it is sent; an `idempotency_key` makes that hold across calls and restarts.
-        """
-        cells = None if cell is None else (yield from self._linear(cell))
-        return (yield from posts(self.path, measurements(time, state, cells), source, idempotency_key))
 
-    @operation
+        Returns `Accepted`. With an outbox it returns `Queued` as soon as all of it is on the disk, or raises
+        OutboxError (OutboxFullError) and has kept nothing of it.
+        """
+        return observation(self.path, time, state, cell, source=source, key=idempotency_key)
+
+    @posting
     def observe_grid(
         self,
         time: TimeLike,
@@ -72,10 +73,12 @@ class LocationOperations(AnomalyOperations):
         free: Numbers = (),
         source: str | None = None,
         idempotency_key: str | None = None,
-    ) -> Plan[Accepted]:
-        """Store one look at a grid: cells seen occupied and cells seen free, as indices or rows [i, j, k]."""
-        seen = (yield from self._linear(occupied)), (yield from self._linear(free))
-        return (yield from posts(self.path, look(unix(time), *seen), source, idempotency_key))
+    ) -> Post:
+        """Store one look at a grid: cells seen occupied and cells seen free, as indices or rows [i, j, k].
+
+        Returns and raises what `observe` does.
+        """
+        return sighting(self.path, time, occupied, free, source=source, key=idempotency_key)
 
     @operation
     def update(
@@ -199,10 +202,3 @@ class LocationOperations(AnomalyOperations):
         """Anomalies computed over the history in [start, stop); nothing is stored."""
         form = given(start=start, stop=stop, confidence=confidence, rule=rule, order=order, estimator=estimator)
         return (yield from ask(Events, post(f"{self.path}/anomalies/detect", form)))
-
-    def _linear(self, cells: Any) -> Plan[Any]:
-        """Cells as linear indices; the location's shape is asked for only if they are rows of indices."""
-        if np.ndim(cells) != 2:
-            return np.asarray(cells)
-        location = yield from ask(Location, Request("GET", self.path))
-        return linear(cells, location.shape)

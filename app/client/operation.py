@@ -2,9 +2,19 @@
 
 import functools
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
-from typing import Any, Concatenate, ParamSpec, Protocol, TypeAlias, TypeVar, cast, overload
+from typing import TYPE_CHECKING, Any, Concatenate, Generic, ParamSpec, Protocol, TypeAlias, TypeVar, cast, overload
 
 from app.client.plans import Listing, Plan
+from app.client.posting import Post, Receipt
+from app.schemas.observations import Accepted
+
+if TYPE_CHECKING:
+    # Python 3.13 has defaults of its own.
+    from typing_extensions import TypeVar as DefaultTypeVar
+
+    R = DefaultTypeVar("R", bound=Receipt, default=Accepted)
+else:
+    R = TypeVar("R")
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -18,12 +28,18 @@ class BlockingCarrier(Protocol):
     def run(self, plan: Plan[T]) -> T:
         """What the plan comes to."""
 
+    def post(self, post: Post) -> Receipt:
+        """Send the measurements, or queue them where there is an outbox."""
+
 
 class AwaitedCarrier(Protocol):
     """Carries the requests of a plan without blocking."""
 
     async def run(self, plan: Plan[T]) -> T:
         """What the plan comes to."""
+
+    async def post(self, post: Post) -> Receipt:
+        """Send the measurements, or queue them where there is an outbox."""
 
 
 class Resource:
@@ -52,6 +68,14 @@ class Awaited(Resource):
         self.carrier = carrier
 
 
+class BlockingPoster(Blocking, Generic[R]):
+    """A blocking resource that measurements are posted to, with the receipt R."""
+
+
+class AwaitedPoster(Awaited, Generic[R]):
+    """An awaited resource that measurements are posted to, with the receipt R."""
+
+
 Either: TypeAlias = Blocking | Awaited
 
 
@@ -66,6 +90,17 @@ class Method(Protocol[P, B_co, A_co]):
     def __get__(self, at: Awaited, owner: type) -> Callable[P, A_co]: ...
 
 
+class PostMethod(Protocol[P]):
+    """A posting method as a type checker sees it: its receipt is that of the resource."""
+
+    @overload
+    def __get__(self, at: None, owner: type) -> Callable[Concatenate[Any, P], Any]: ...
+    @overload
+    def __get__(self, at: BlockingPoster[R], owner: type) -> Callable[P, R]: ...
+    @overload
+    def __get__(self, at: AwaitedPoster[R], owner: type) -> Callable[P, Coroutine[Any, Any, R]]: ...
+
+
 def operation(plan: Callable[Concatenate[Any, P], Plan[T]]) -> Method[P, T, Coroutine[Any, Any, T]]:
     """A plan as a method."""
 
@@ -74,6 +109,16 @@ def operation(plan: Callable[Concatenate[Any, P], Plan[T]]) -> Method[P, T, Coro
         return at.carrier.run(plan(at, *args, **kwargs))
 
     return cast(Method[P, T, Coroutine[Any, Any, T]], method)
+
+
+def posting(describe: Callable[Concatenate[Any, P], Post]) -> PostMethod[P]:
+    """What is to be posted as a method that posts it."""
+
+    @functools.wraps(describe)
+    def method(at: Either, /, *args: P.args, **kwargs: P.kwargs) -> Receipt | Coroutine[Any, Any, Receipt]:
+        return at.carrier.post(describe(at, *args, **kwargs))
+
+    return cast(PostMethod[P], method)
 
 
 def paged(listing: Callable[Concatenate[Any, P], Listing[T]]) -> Method[P, Iterator[T], AsyncIterator[T]]:

@@ -1,26 +1,115 @@
 """Posting measurements."""
 
 import uuid
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
 
-from app.client.encoding import ARROW, Measurements, arrow, batches
-from app.client.plans import Plan, Request
-from app.client.requests import given
+import numpy as np
+from numpy.typing import NDArray
+
+from app.client.encoding import ARROW, Measurements, arrow, batches, indices, linear, look, looks, measurements
+from app.client.plans import Plan, Request, Scalar, ask
+from app.client.requests import JSON, given
+from app.client.times import TimeLike, TimesLike, unix
+from app.schemas.locations import Location
 from app.schemas.observations import Accepted
 
 
-def posts(path: str, columns: Measurements, source: str | None, key: str | None) -> Plan[Accepted]:
-    """Post the measurements in batches to the location at `path`.
+@dataclass(frozen=True, slots=True)
+class Queued:
+    """What was observed is on this machine's disk, in so many batches, and not at the server yet.
 
-    Every batch has its idempotency key before it is first sent: `key`, or a new one.
+    The outbox sends it. What the server says to it (stored, anomalies) nobody waits for.
     """
-    key = key or uuid.uuid4().hex
-    parts = list(batches(columns))
-    stored = []
-    for i, part in enumerate(parts):
-        headers = {"Content-Type": ARROW, "Idempotency-Key": f"{key}-{i}" if len(parts) > 1 else key}
-        response = yield Request("POST", f"{path}/observations", given(source=source), arrow(part), headers)
-        stored.append(Accepted.model_validate_json(response.content))
-    return merged(stored)
+
+    batches: int
+    measurements: int
+
+
+Receipt: TypeAlias = Accepted | Queued
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """Some measurements as they are sent to the location at `path`, once or often: the key makes it one."""
+
+    path: str
+    query: Mapping[str, Scalar]
+    content_type: str
+    content: bytes
+    key: str
+    measurements: int
+
+    def request(self) -> Request:
+        """The post."""
+        headers = {"Content-Type": self.content_type, "Idempotency-Key": self.key}
+        return Request("POST", f"{self.path}/observations", self.query, self.content, headers)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Post:
+    """Measurements for the location at `path`.
+
+    rows (m, 2 or 3): where the caller gave cells as rows of indices, `columns.cell` counts into them.
+    """
+
+    path: str
+    columns: Measurements
+    rows: NDArray[np.int64] | None
+    source: str | None
+    key: str
+
+    def batches(self) -> Iterator[Batch]:
+        """The measurements in batches, each with its key, made without asking the server anything."""
+        parts = list(batches(self.columns))
+        for i, part in enumerate(parts):
+            key = f"{self.key}-{i}" if len(parts) > 1 else self.key
+            content_type, content = (ARROW, arrow(part)) if self.rows is None else (JSON, looks(part, self.rows))
+            yield Batch(self.path, given(source=self.source), content_type, content, key, len(part))
+
+    def plan(self) -> Plan[Accepted]:
+        """Post the batches one after the other; asks for the location's shape first if there are rows."""
+        plain = self
+        if self.rows is not None:
+            location = yield from ask(Location, Request("GET", self.path))
+            plain = self.linear(location.shape)
+        stored = []
+        for batch in plain.batches():
+            response = yield batch.request()
+            stored.append(Accepted.model_validate_json(response.content))
+        return merged(stored)
+
+    def linear(self, shape: Sequence[int]) -> "Post":
+        """The same with linear indices into a grid of `shape`."""
+        if self.rows is None or self.columns.cell is None:
+            return self
+        cell = linear(self.rows, shape)[self.columns.cell].astype(np.uint32)
+        return replace(self, columns=replace(self.columns, cell=cell), rows=None)
+
+
+def observation(
+    path: str, time: TimesLike, state: Any, cell: Any = None, *, source: str | None = None, key: str | None = None
+) -> Post:
+    """Columns of measurements for the location at `path`, with `key` or a new one. Raises ValueError."""
+    rows = indices(cell) if np.ndim(cell) == 2 else None
+    columns = measurements(time, state, cell if rows is None else np.arange(len(rows)))
+    return Post(path, columns, rows, source, key or uuid.uuid4().hex)
+
+
+def sighting(
+    path: str, time: TimeLike, occupied: Any, free: Any, *, source: str | None = None, key: str | None = None
+) -> Post:
+    """One look at a grid for the location at `path`, with `key` or a new one. Raises ValueError."""
+    seen = [np.asarray(cells) for cells in (occupied, free) if len(cells)]
+    rows = None
+    if any(cells.ndim == 2 for cells in seen):
+        if not all(cells.ndim == 2 for cells in seen):
+            raise ValueError("give the cells occupied and free both as linear indices or both as rows [i, j, k]")
+        rows = np.concatenate([indices(cells) for cells in seen])
+        occupied, free = np.split(np.arange(len(rows)), [len(occupied)])
+    columns = look(unix(time), np.asarray(occupied), np.asarray(free))
+    return Post(path, columns, rows, source, key or uuid.uuid4().hex)
 
 
 def merged(stored: list[Accepted]) -> Accepted:

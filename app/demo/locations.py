@@ -16,10 +16,6 @@ MIN_CELLS = 4
 NO_EVENTS = math.prod(SHAPE)
 """As min_cells while the history is filled in: what a model of its first days calls abnormal is no event."""
 
-# These two follow working hours closely. It takes this many harmonics to be sure of a Friday afternoon.
-RHYTHM: dict[str, dict[str, Any]] = {
-    name: {"estimator": "fft", "order": 36} for name in ("office-door", "office-occupied")
-}
 _ALL: dict[str, Any] = {"interval_s": INTERVAL_S, "time_zone": ZONE, "epoch": 0.0}
 FORMS: dict[str, dict[str, Any]] = {
     BUILDING: _ALL
@@ -29,7 +25,7 @@ FORMS: dict[str, dict[str, Any]] = {
         "confidence": 0.97,
         "min_cells": NO_EVENTS,
     }
-} | {name: _ALL | {"kind": "state", "confidence": 0.95} | RHYTHM.get(name, {}) for name in PLACES}
+} | {name: _ALL | {"kind": "state", "confidence": 0.95} for name in PLACES}
 _FIXED = ("kind", "interval_s", "epoch", "grid")
 
 

@@ -9,8 +9,8 @@ from pydantic import AfterValidator, Field, model_validator
 from app.schemas.common import FARTHEST_S, NAME_PATTERN, Answer, Form, Text, TimeIn, TimeOut, shown
 
 Kind = Literal["state", "grid2d", "grid3d"]
-EstimatorName = Literal["fft", "static"]
-EstimatorChoice = Literal["auto", "fft", "static"]
+EstimatorName = Literal["calendar", "fft", "static"]
+EstimatorChoice = Literal["auto", "calendar", "fft", "static"]
 Order = Annotated[int, Field(ge=1, le=64)]
 OrderChoice = Order | Literal["auto"]
 Confidence = Annotated[float, Field(ge=0.5, lt=1)]

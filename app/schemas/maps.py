@@ -63,7 +63,11 @@ class Series(Answer):
 
 
 class Component(Answer):
-    """One periodic process: amplitude·cos(2π·frequency_hz·(t - start) + phase)."""
+    """One wave: amplitude·cos(2π·frequency_hz·τ + phase); with `gate` weekend on Saturdays and Sundays only.
+
+    τ is t - start in seconds where the model's `time_zone` is null (fft), else the civil time there in seconds since a
+    Monday 00:00 (calendar).
+    """
 
     amplitude: float
     phase: float
@@ -111,11 +115,15 @@ class Selection(Answer):
 
 
 class Model(Answer):
-    """The spectrum P and the outliers O of one cell. Times of outliers are Unix seconds, [start, stop)."""
+    """The spectrum P and the outliers O of one cell. Times of outliers are Unix seconds, [start, stop).
+
+    p(t) = link⁻¹(mean + Σ components), clipped to [0, 1].
+    """
 
     cell: int
     estimator: str
     link: Literal["identity", "logit"]
+    time_zone: str | None
     order: int
     start: TimeOut
     stop: TimeOut

@@ -10,17 +10,22 @@ from app.errors import InvalidInputError, refuse_reversed
 from app.schemas.maps import Best, EvaluateForm, Evaluation, EvaluationRow, ReliabilityRow
 from app.services.context import Context
 from app.services.history import read_history, window
-from app.services.spectra import current_revision
-from app.spectral.estimators import fit
+from app.services.spectra import current_revision, recipe_for
+from app.spectral.estimators import fit_recipe
 from app.spectral.evaluation import reliability, score
 from app.spectral.history import OCCUPIED, UNOBSERVED, History
 from app.spectral.prediction import predict_times
+from app.spectral.recipe import Recipe
 from app.spectral.spectrum import Spectrum, truncate
 from app.storage.records import LocationRecord, RevisionRecord
 
 MAX_VALUES = 50_000_000
 """Predictions that one evaluation makes; of larger locations evenly spread cells are scored."""
-DEFAULT_ESTIMATORS = ("fft", "static")
+DEFAULT_ESTIMATORS = ("fft", "calendar", "static")
+
+
+Candidate = tuple[str, int]
+"""Estimator and order."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,10 +34,7 @@ class _Trial:
 
     time: NDArray[np.float64]
     states: NDArray[np.uint8]
-    spectra: dict[str, Spectrum]
-
-
-Candidate = tuple[str, int]
+    spectra: dict[Candidate, Spectrum]
 
 
 def evaluate(ctx: Context, name: str, form: EvaluateForm) -> Evaluation:
@@ -49,9 +51,8 @@ def evaluate(ctx: Context, name: str, form: EvaluateForm) -> Evaluation:
     for trial in _trials(ctx, place, train, form, candidates):
         seen = trial.states != UNOBSERVED
         states.append(trial.states[seen])
-        for estimator, order in candidates:
-            spectrum = truncate(trial.spectra[estimator], order)
-            pooled[estimator, order].append(predict_times(spectrum, trial.time)[seen])
+        for candidate, spectrum in trial.spectra.items():
+            pooled[candidate].append(predict_times(spectrum, trial.time)[seen])
     every = np.concatenate(states) if states else np.empty(0, np.uint8)
     if not len(every):
         raise InvalidInputError.at("start", "nothing was observed in this time; choose another range")
@@ -84,10 +85,10 @@ def _trials(
     form: EvaluateForm,
     candidates: list[Candidate],
 ) -> Iterator[_Trial]:
-    orders = {name: max(order for each, order in candidates if each == name) for name, _ in candidates}
+    recipes = {candidate: recipe_for(place, train, *candidate) for candidate in candidates}
 
     def trial(history: History, time: NDArray[np.float64], states: NDArray[np.uint8]) -> _Trial:
-        return _Trial(time, states, {name: fit(history, name, order, place.base) for name, order in orders.items()})
+        return _Trial(time, states, _fit_all(history, recipes, place))
 
     if form.time is not None or form.state is not None:
         time, given = _given(place, form)
@@ -100,6 +101,22 @@ def _trials(
         states = read_history(ctx, place.name, chunk, start, stop).cells(cells).states()
         past = read_history(ctx, place.name, chunk, train.start, train.stop).cells(cells)
         yield trial(past, place.base.time(np.arange(start, stop)), states)
+
+
+def _fit_all(history: History, recipes: dict[Candidate, Recipe], place: LocationRecord) -> dict[Candidate, Spectrum]:
+    """Every candidate's spectrum; `fft` is fitted once, its smaller orders are the first components."""
+    most = max((recipe for recipe in recipes.values() if recipe.estimator == "fft"), key=_order, default=None)
+    largest = None if most is None else fit_recipe(history, most, place.base)
+    return {
+        candidate: truncate(largest, recipe.order)
+        if largest is not None and recipe.estimator == "fft"
+        else fit_recipe(history, recipe, place.base)
+        for candidate, recipe in recipes.items()
+    }
+
+
+def _order(recipe: Recipe) -> int:
+    return recipe.order
 
 
 def _given(place: LocationRecord, form: EvaluateForm) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:

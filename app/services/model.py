@@ -33,6 +33,7 @@ def model_of(ctx: Context, name: str, cell: int = 0, order: int | None = None) -
         cell=cell,
         estimator=fit.revision.estimator,
         link=spectrum.link,
+        time_zone=spectrum.time_zone,
         order=fit.revision.order,
         start=float(place.base.time(fit.revision.start)),
         stop=float(place.base.time(fit.revision.stop)),

@@ -1,6 +1,7 @@
 """Observe: put posted measurements on the time base, judge them, store them durably, tell the others."""
 
 from dataclasses import dataclass
+from functools import cached_property, partial
 
 from app.events.messages import Message
 from app.ingest.observation import Body, Target, parse
@@ -35,10 +36,17 @@ class Observed:
     revision: int
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class _Stored:
+    place: LocationRecord
+    record: ObservationRecord
     number: int
-    events: list[AnomalyRecord]
+    anomalies: list[AnomalyRecord]
+
+    @cached_property
+    def events(self) -> list[Event]:
+        """The anomalies as the API shows them."""
+        return [wire(self.place, anomaly) for anomaly in self.anomalies]
 
 
 def observe(ctx: Context, name: str, post: Post) -> Observed:
@@ -55,10 +63,11 @@ def observe(ctx: Context, name: str, post: Post) -> Observed:
     measurements = parse(post.body, target)
     events = judge(ctx, fitted(ctx, name), measurements) if place.revision and len(measurements) else []
     record = _record(ctx, post, measurements)
-    stored = ctx.store.write(lambda work: _store(work, place, post, record, events))
+    # Told in the order of the commits: who resumes behind the last event it heard of has missed none.
+    stored = ctx.store.write(lambda work: _store(work, place, post, record, events), partial(_tell, ctx))
     if stored is None:
         return _duplicate(place)
-    return _publish(ctx, place, record, stored)
+    return Observed(record.measurements, False, record.first_time, record.last_time, stored.events, place.revision)
 
 
 def _known(work: Work, place: LocationRecord, post: Post) -> bool:
@@ -73,7 +82,7 @@ def _store(
     if _known(work, place, post):
         return None
     number = work.observations.append(place, record)
-    return _Stored(number, work.anomalies.append(events))
+    return _Stored(place, record, number, work.anomalies.append(events))
 
 
 def _record(ctx: Context, post: Post, measurements: Measurements) -> ObservationRecord:
@@ -93,14 +102,14 @@ def _duplicate(place: LocationRecord) -> Observed:
     return Observed(0, True, None, None, [], place.revision)
 
 
-def _publish(ctx: Context, place: LocationRecord, record: ObservationRecord, stored: _Stored) -> Observed:
-    now = ctx.clock()
-    events = [wire(place, event) for event in stored.events]
+def _tell(ctx: Context, stored: _Stored | None) -> None:
+    if stored is None:
+        return
+    now, record = ctx.clock(), stored.record
     told = {"measurements": record.measurements, "source": record.source, "last_time": record.last_time}
-    ctx.bus.publish(Message("observation", place.name, stored.number, now, told))
-    for event in events:
+    ctx.bus.publish(Message("observation", stored.place.name, stored.number, now, told))
+    for event in stored.events:
         ctx.bus.publish(anomaly_message(event, now))
-    return Observed(record.measurements, False, record.first_time, record.last_time, events, place.revision)
 
 
 def anomaly_message(event: Event, now: float) -> Message:

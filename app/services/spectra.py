@@ -6,7 +6,8 @@ from functools import partial
 from app.errors import CorruptChunkError, NoModelError
 from app.services.context import Context
 from app.services.history import read_history
-from app.spectral.estimators import fit
+from app.spectral.estimators import fit_recipe
+from app.spectral.recipe import ORDER, Recipe
 from app.spectral.spectrum import Spectrum, concatenate, truncate
 from app.storage.records import LocationRecord, RevisionRecord
 
@@ -27,8 +28,8 @@ def fitted(ctx: Context, name: str, estimator: str | None = None, order: int | N
     """
     place, revision = current_revision(ctx, name)
     while True:
-        wanted = _wanted(revision, estimator, order)
-        key = (place.id, wanted.estimator, wanted.order)
+        wanted = _wanted(place, revision, estimator, order)
+        key = (place.id, wanted.recipe)
         load = partial(_load, ctx, place, revision, wanted)
         try:
             return Fitted(place, wanted, ctx.spectra.get(key, revision.revision, load))
@@ -50,30 +51,34 @@ def current_revision(ctx: Context, name: str) -> tuple[LocationRecord, RevisionR
     return place, revision
 
 
-def _wanted(revision: RevisionRecord, estimator: str | None, order: int | None) -> RevisionRecord:
+def _wanted(
+    place: LocationRecord, revision: RevisionRecord, estimator: str | None, order: int | None
+) -> RevisionRecord:
     """The revision as if it had been fitted with this estimator and order."""
-    name = estimator or revision.estimator
-    if name == "static":
-        return replace(revision, estimator=name, order=0)
-    default = revision.order if name == revision.estimator else DEFAULT_ORDER
-    return replace(revision, estimator=name, order=default if order is None else order)
+    return replace(revision, recipe=recipe_for(place, revision, estimator or revision.estimator, order))
 
 
-DEFAULT_ORDER = 3
-"""Order of another estimator than the revision's when none is asked for: the paper's best for prediction."""
+def recipe_for(place: LocationRecord, revision: RevisionRecord, estimator: str, order: int | None) -> Recipe:
+    """How to fit a location by some estimator: as its revision does where that has the same."""
+    if estimator == "static":
+        return Recipe(estimator, 0, place.time_zone)
+    if estimator == revision.estimator:
+        return revision.recipe if order is None else replace(revision.recipe, order=order)
+    return Recipe(estimator, DEFAULT_ORDER[estimator] if order is None else order, place.time_zone)
+
+
+DEFAULT_ORDER = {"fft": 3, "calendar": ORDER}
+"""Order of another estimator than the revision's when none is asked for; of `fft` the paper's best for prediction."""
 
 
 def _load(ctx: Context, place: LocationRecord, stored: RevisionRecord, wanted: RevisionRecord) -> Spectrum:
-    if wanted.estimator == stored.estimator and wanted.order <= stored.order:
+    if wanted.recipe == stored.recipe:
+        return _stored(ctx, place, stored)
+    if wanted.estimator == stored.estimator == "fft" and wanted.order < stored.order:
         return truncate(_stored(ctx, place, stored), wanted.order)
     return concatenate(
         [
-            fit(
-                read_history(ctx, place.name, chunk, stored.start, stored.stop),
-                wanted.estimator,
-                wanted.order,
-                place.base,
-            )
+            fit_recipe(read_history(ctx, place.name, chunk, stored.start, stored.stop), wanted.recipe, place.base)
             for chunk in range(place.n_chunks)
         ]
     )

@@ -10,8 +10,9 @@ from app.errors import InvalidInputError
 from app.services.context import Context
 from app.services.history import compact, forget, read_history, window
 from app.spectral.history import History
-from app.spectral.model import update as update_model
+from app.spectral.model import refit
 from app.spectral.outliers import count
+from app.spectral.recipe import Recipe
 from app.spectral.selection import Selection, choose
 from app.spectral.window import fit_window
 from app.storage.records import LocationRecord, RevisionRecord
@@ -20,6 +21,8 @@ Item = TypeVar("Item")
 Value = TypeVar("Value")
 SELECTION_CELLS = 64
 """Changing cells that decide for all."""
+ORDERS = (1, 2, 3, 5, 10, 15)
+"""Orders of `fft` that are tried."""
 
 
 class Executor(Protocol):
@@ -46,8 +49,7 @@ class Plan:
 
     place: LocationRecord
     number: int
-    estimator: str
-    order: int
+    recipe: Recipe
     start: int
     stop: int
     history: tuple[int, int]
@@ -82,23 +84,20 @@ def _plan(ctx: Context, name: str, request: UpdateRequest) -> Plan:
         place = work.locations.get(name)
         number = work.spectra.next_number(place.id)
     history = window(ctx, place)
-    start, stop = _fitted_samples(place, history, request)
-    estimator = request.estimator or place.estimator
-    order = request.order if request.order is not None else (place.order or "auto")
-    if estimator == "static":
-        return Plan(place, number, estimator, 0, start, stop, history, None)
-    if estimator != "auto" and isinstance(order, int):
-        return Plan(place, number, estimator, order, start, stop, history, None)
-    chosen = _select(ctx, place, (start, stop), estimator, order)
-    return Plan(place, number, chosen.estimator, chosen.order, start, stop, history, chosen)
+    asked = _asked_samples(place, history, request)
+    selection = _select(ctx, place, asked, request)
+    start, stop = asked
+    if selection.estimator == "fft" and request.start is None and request.stop is None:
+        start, stop = fit_window(start, stop, place.interval_s)
+    tried = selection if selection.reason else None
+    return Plan(place, number, selection.recipe, start, stop, history, tried)
 
 
-def _fitted_samples(place: LocationRecord, history: tuple[int, int], request: UpdateRequest) -> tuple[int, int]:
+def _asked_samples(place: LocationRecord, history: tuple[int, int], request: UpdateRequest) -> tuple[int, int]:
+    """The part of the history to learn from, by default all of it."""
     first, last = history
     if last <= first:
         raise InvalidInputError.at("location", f"{place.name!r} has no observations yet; post some first")
-    if request.start is None and request.stop is None:
-        return fit_window(first, last, place.interval_s)
     start = first if request.start is None else max(first, int(place.base.sample(request.start)))
     stop = last if request.stop is None else min(last, int(place.base.sample(request.stop)))
     if stop <= start:
@@ -106,34 +105,32 @@ def _fitted_samples(place: LocationRecord, history: tuple[int, int], request: Up
     return start, stop
 
 
-def _select(
-    ctx: Context, place: LocationRecord, fitted: tuple[int, int], estimator: str, order: int | str
-) -> Selection:
-    """`auto`, within what the request leaves open."""
-    orders = (1, 2, 3, 5, 10, 15) if order == "auto" else (int(order),)
-    selection = choose(_sample_cells(ctx, place, fitted), place.base, orders, SELECTION_CELLS)
-    if estimator == "auto" or selection.estimator == estimator:
-        return selection
-    rows = [row for row in selection.table if row.estimator == estimator and row.n]
-    if not rows:
-        return Selection(estimator, min(orders), selection.table, selection.reason, selection.cells)
-    best = min(rows, key=lambda row: row.log_loss)
-    return Selection(estimator, best.order, selection.table, f"the best order of {estimator}", selection.cells)
+def _select(ctx: Context, place: LocationRecord, samples: tuple[int, int], request: UpdateRequest) -> Selection:
+    """`auto`, within what the request and the location leave open; without a reason where they leave nothing."""
+    estimator = request.estimator or place.estimator
+    order = request.order if request.order is not None else (place.order or "auto")
+    if estimator == "static":
+        return Selection(estimator, 0, (), "", 0, place.time_zone)
+    if estimator == "fft" and isinstance(order, int):
+        return Selection(estimator, order, (), "", 0, place.time_zone)
+    orders = ORDERS if order == "auto" else (int(order),)
+    sampled = _sample_cells(ctx, place, samples)
+    return choose(sampled, place.base, orders, SELECTION_CELLS, place.time_zone, estimator)
 
 
-def _sample_cells(ctx: Context, place: LocationRecord, fitted: tuple[int, int]) -> History:
+def _sample_cells(ctx: Context, place: LocationRecord, samples: tuple[int, int]) -> History:
     """The histories of changing cells, spread evenly over some chunks."""
     n_chunks = min(place.n_chunks, SELECTION_CELLS)
     parts = []
     for chunk in np.linspace(0, place.n_chunks - 1, n_chunks).astype(int).tolist():
-        history = read_history(ctx, place.name, chunk, *fitted)
+        history = read_history(ctx, place.name, chunk, *samples)
         occupied = history.count_occupied()
         changing = np.flatnonzero((occupied > 0) & (occupied < history.count_observed()))
         step = max(1, len(changing) * n_chunks // (4 * SELECTION_CELLS))
         parts.append(history.cells(changing[::step]))
     return History(
-        fitted[0],
-        fitted[1] - fitted[0],
+        samples[0],
+        samples[1] - samples[0],
         np.concatenate([part.observed for part in parts]),
         np.concatenate([part.occupied for part in parts]),
     )
@@ -143,7 +140,7 @@ def _update_chunk(ctx: Context, plan: Plan, chunk: int) -> tuple[int, int]:
     """Fit and store one chunk; how many samples are outliers and how many were observed."""
     place = plan.place
     history = read_history(ctx, place.name, chunk, *plan.history)
-    model = update_model(history, plan.estimator, plan.order, place.base, (plan.start, plan.stop))
+    model = refit(history, plan.recipe, place.base, (plan.start, plan.stop))
     ctx.store.write(lambda work: work.spectra.put_chunk(place.id, plan.number, chunk, model.spectrum))
     return int(count(model.outliers).sum()), int(history.count_observed().sum())
 
@@ -152,8 +149,7 @@ def _revision(ctx: Context, plan: Plan, accuracy: float | None) -> RevisionRecor
     return RevisionRecord(
         location_id=plan.place.id,
         revision=plan.number,
-        estimator=plan.estimator,
-        order=plan.order,
+        recipe=plan.recipe,
         start=plan.start,
         stop=plan.stop,
         observation_seq=plan.place.observation_seq,

@@ -8,12 +8,13 @@ which is slow for cells that are rarely occupied, and no factorisation.
 import numpy as np
 from numpy.typing import NDArray
 
+from app.spectral.blas import single_threaded
 from app.spectral.jit import fused_kernel
 
 ROWS = 64
 """Rows fitted at once; blocks are filled up to it, so that a row does not depend on its batch."""
 STEPS = 40
-TOLERANCE = 0.02
+TOLERANCE = 0.01
 """A row is done when its log posterior is within about half of this, in nats, of its maximum."""
 OVERSHOT = -0.5
 
@@ -21,25 +22,39 @@ Matrix = NDArray[np.float32]
 Vector = NDArray[np.float32]
 
 
-def fit_rows(design: Matrix, seen: Matrix, full: Matrix, evidence: Vector, penalty: Matrix, used: Matrix) -> Matrix:
+def fit_rows(
+    design: Matrix,
+    seen: Matrix,
+    full: Matrix,
+    evidence: Vector,
+    penalty: Vector,
+    kept: Matrix | None = None,
+    start: Matrix | None = None,
+) -> Matrix:
     """Coefficients (n_rows, n_columns) of greatest posterior, the centre of the intercept included.
 
     design (n_slots, n_columns), the first column ones; seen, full (n_rows, n_slots): visits, and those
-    occupied; evidence (n_rows,) multiplies both; penalty, used (n_rows, n_columns) or (1, n_columns):
-    a column not used stays 0. The intercept is drawn to `base_logit`.
+    occupied; evidence (n_rows,) multiplies both; penalty (n_columns,): infinite leaves a column out.
+    kept (n_rows, n_columns): 0 leaves a column out of a row. start: where to begin, it changes the
+    cost alone. The intercept is drawn to `base_logit`.
     """
-    n_rows = seen.shape[0]
+    single_threaded()
+    used = np.flatnonzero(np.isfinite(penalty))
+    columns = np.ascontiguousarray(design[:, used])
+    plan = (columns, np.ascontiguousarray(columns.T), np.asarray(np.mean(columns * columns, axis=0), np.float32))
     centre = base_logit(seen, full)
-    penalty, used = (np.broadcast_to(each, (n_rows, design.shape[1])) for each in (penalty, used))
-    transposed = np.ascontiguousarray(design.T)
-    square = np.asarray(np.mean(design * design, axis=0), np.float32)
-    out = np.empty((n_rows, design.shape[1]), np.float32)
-    for first in range(0, n_rows, ROWS):
+    begin = np.zeros((seen.shape[0], used.size), np.float32) if start is None else start[:, used]
+    allowed = np.ones_like(begin) if kept is None else kept[:, used]
+    out = np.zeros((seen.shape[0], design.shape[1]), np.float32)
+    for first in range(0, seen.shape[0], ROWS):
         rows = slice(first, first + ROWS)
         one = evidence[rows, np.newaxis]
-        parts = (seen[rows] * one, full[rows] * one, penalty[rows], used[rows], centre[rows, np.newaxis])
-        found = _ascend(design, transposed, square, *(_filled(part) for part in parts))
-        out[rows] = found[: out[rows].shape[0]]
+        at = begin[rows].copy()
+        if start is not None:
+            at[:, 0] -= centre[rows]
+        parts = (seen[rows] * one, full[rows] * one, allowed[rows], centre[rows, np.newaxis], at * allowed[rows])
+        found = _ascend(*plan, penalty[used], *(_filled(part) for part in parts))
+        out[rows, used] = found[: one.shape[0]]
     return out
 
 
@@ -61,18 +76,18 @@ def _ascend(
     design: Matrix,
     transposed: Matrix,
     square: Vector,
+    penalty: Vector,
     seen: Matrix,
     full: Matrix,
-    penalty: Matrix,
-    used: Matrix,
+    kept: Matrix,
     centre: Matrix,
+    beta: Matrix,
 ) -> Matrix:
-    """One block: Polak–Ribière directions, each row on its own until it is done."""
+    """One block from `beta` on: Polak–Ribière directions, each row on its own until it is done."""
     share = 1 / (1 + np.exp(-centre))
     level = seen.sum(axis=1, keepdims=True) * share * (1 - share)
-    scale = used / np.maximum(penalty + level * square, np.float32(1e-6))
-    beta = np.zeros_like(penalty)
-    eta = np.repeat(centre, seen.shape[1], axis=1)
+    scale = kept / np.maximum(penalty + level * square, np.float32(1e-6))
+    eta = centre + beta @ transposed
     residual, curvature = _response(eta, seen, full)
     step, before, drop = np.zeros_like(beta), np.zeros_like(beta), np.ones(ROWS, np.float32)
     for _ in range(STEPS):
@@ -101,7 +116,7 @@ def _ascend(
                 break
             shorter = length * slope / np.where(over, slope - left, 1)
             length = np.where(over, shorter, length).astype(np.float32)
-        beta += length[:, np.newaxis] * step
+        beta = beta + length[:, np.newaxis] * step
         eta = ahead_eta
     beta[:, :1] += centre
     return beta

@@ -15,21 +15,27 @@ from numpy.typing import NDArray
 
 from app.spectral import folding, waves
 from app.spectral.ascent import fit_rows
-from app.spectral.calendar import kept_columns
+from app.spectral.calendar import fit_calendar, kept_columns
 from app.spectral.folding import Weeks
-from app.spectral.recipe import Detail, Prior, Week
+from app.spectral.periods import find_period
+from app.spectral.recipe import Detail, Prior, Recipe, Week
 from app.spectral.trials import SHORT_DAYS, Task, losses
 
 TRUST = 0.1
+TRUST_SHORT = 0.025
+BELIEF_SHORT = 2.0
+"""Days left out of one week are more like their neighbours than days to come will be: less trust, more belief."""
 FEW_CELLS = 4
 MEMBERS = (8, 3)
 """Priors averaged where few cells decide, and where many do and cost counts."""
+PERIOD_BELIEF = 2.0
+"""What a period has to be better by, as a logarithm, for it was found on the days it is tried on."""
 MARGIN = 1.002
 """A higher order has to lower the log loss by this factor."""
 
 WEEKS: dict[Week, float] = {"day": 0.0, "weekend": 0.0, "week": 0.0, "days": -1.0}
 DETAILS: dict[Detail, float] = {"smooth": 0.0, "sharp": -1.0}
-EVIDENCE = {4.0: -1.0, 1.0: 0.0, 0.25: 0.0, 0.0625: -0.5, 0.015625: -0.5}
+EVIDENCE = {4.0: -1.5, 1.0: -0.5, 0.25: 0.0, 0.0625: -0.5, 0.015625: -1.0}
 HALF_LIVES = {math.inf: 0.0, 28.0: 0.0, 7.0: -1.5}
 
 
@@ -38,16 +44,18 @@ def grid(n_days: int) -> tuple[list[Prior], NDArray[np.float64]]:
 
     Recency, and weekdays that differ much, only where days of the same name can be compared.
     """
-    lives = HALF_LIVES if n_days >= SHORT_DAYS else {math.inf: 0.0}
+    short = n_days < SHORT_DAYS
+    lives = {math.inf: 0.0} if short else HALF_LIVES
     belief = {
         Prior(week, detail, evidence, life): WEEKS[week] + DETAILS[detail] + EVIDENCE[evidence] + lives[life]
         for week in WEEKS
         for detail in DETAILS
         for evidence in EVIDENCE
         for life in lives
-        if (detail == "smooth" or evidence >= 0.25) and (week != "days" or n_days >= SHORT_DAYS)
+        if (detail == "smooth" or evidence >= 0.25) and (week != "days" or not short)
     }
-    return list(belief), np.array(list(belief.values()))
+    strength = BELIEF_SHORT if short else 1.0
+    return list(belief), strength * np.array(list(belief.values()))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,11 +66,18 @@ class Blend:
     tried: int
     beta: NDArray[np.float32]
     design: NDArray[np.float32]
+    truth: Weeks
+    period_s: float | None = None
+
+    @property
+    def loss(self) -> float:
+        """The log loss of the average of all waves, summed over trials, cells and slots."""
+        return float(losses(_logistic(self.beta @ self.design.T), self.truth).sum())
 
     def probability(self, order: int) -> NDArray[np.float32]:
-        """What the average of this order predicted, (n_trials, n_cells, 672)."""
+        """What the average of this order predicted, shaped as the truth."""
         flat = self.beta.reshape(-1, self.beta.shape[-1])
-        cut = flat * kept_columns(flat, order) if order < waves.N_WAVES else flat
+        cut = flat * kept_columns(flat, order) if 1 + 2 * order < flat.shape[1] else flat
         return _logistic(cut.reshape(self.beta.shape) @ self.design.T)
 
 
@@ -72,16 +87,36 @@ def blend(task: Task) -> Blend:
     priors, belief = grid(task.visits.n_days)
     beta = _fits(task, priors, design)
     loss = np.array([losses(_logistic(each @ design.T), task.truth).sum() for each in beta])
-    chosen, weight = _weights(loss / math.sqrt(max(1, task.history.n_cells)), belief, task.history.n_cells)
+    chosen, weight = _weights(trust(task) * loss, belief, task.history.n_cells)
     members = tuple(replace(priors[i], weight=float(w)) for i, w in zip(chosen, weight, strict=True))
-    return Blend(members, len(priors), np.einsum("p,ptcx->tcx", weight.astype(np.float32), beta[chosen]), design)
+    average = np.einsum("p,ptcx->tcx", weight.astype(np.float32), beta[chosen])
+    return _with_period(task, Blend(members, len(priors), average, design, task.truth))
+
+
+def _with_period(task: Task, mixed: Blend) -> Blend:
+    """The same with a period that is no part of the week, where there is one that predicts better."""
+    recipe = Recipe("calendar", waves.N_WAVES, task.time_zone, mixed.priors)
+    period_s = find_period(task.history, fit_calendar(task.history, recipe, task.base), task.base)
+    if period_s is None:
+        return mixed
+    split, design = task.phased(period_s), waves.design(folding.slot_offset_s(task.base), True)
+    weight = np.array([prior.weight for prior in mixed.priors], np.float32)
+    average = np.einsum("p,ptcx->tcx", weight, _fits(split, mixed.priors, design))
+    other = replace(mixed, beta=average, design=design, truth=split.truth, period_s=period_s)
+    return other if trust(task) * (mixed.loss - other.loss) > PERIOD_BELIEF else mixed
+
+
+def trust(task: Task) -> float:
+    """What a nat of log loss summed over the trials of all cells counts; cells repeat each other too."""
+    alone = TRUST_SHORT if task.visits.n_days < SHORT_DAYS else TRUST
+    return alone / math.sqrt(task.history.n_cells)
 
 
 def _weights(
     loss: NDArray[np.float64], belief: NDArray[np.float64], n_cells: int
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """The members, most probable first, and their weights, rounded so that they read well; sum 1."""
-    log_weight = belief - TRUST * (loss - loss.min())
+    log_weight = belief - loss
     most = MEMBERS[0] if n_cells <= FEW_CELLS else MEMBERS[1]
     order = np.argsort(-log_weight, kind="stable")[:most]
     weight = np.exp(log_weight[order] - log_weight[order[0]])
@@ -99,16 +134,15 @@ def _fits(task: Task, priors: Sequence[Prior], design: NDArray[np.float32]) -> N
     for week, detail in dict.fromkeys((prior.week, prior.detail) for prior in priors):
         alike = [i for i, prior in enumerate(priors) if (prior.week, prior.detail) == (week, detail)]
         life = [lives.index(priors[i].half_life_days) for i in alike]
-        seen, full = (each[life].reshape(-1, waves.SLOTS) for each in (past.seen, past.full))
+        seen, full = (each[life].reshape(-1, design.shape[0]) for each in (past.seen, past.full))
         evidence = np.repeat([np.float32(priors[i].evidence) for i in alike], shape[0] * shape[1])
-        penalty, used = waves.penalties(priors[alike[0]])
-        found = fit_rows(design, seen, full, evidence, penalty[np.newaxis], used[np.newaxis])
+        found = fit_rows(design, seen, full, evidence, waves.penalties(priors[alike[0]], task.visits.phase is not None))
         beta[alike] = found.reshape(len(alike), *shape, -1)
     return beta
 
 
 def _past(task: Task, lives: Sequence[float]) -> Weeks:
-    """What each trial learns from under each half-life, (n_lives, n_trials, n_cells, 672)."""
+    """What each trial learns from under each half-life, (n_lives, n_trials, n_cells, slots)."""
     n_days = task.visits.n_days
     weight = [
         trial.learned(n_days) * folding.recency(n_days if trial.around else trial.first, life, n_days)
@@ -116,7 +150,7 @@ def _past(task: Task, lives: Sequence[float]) -> Weeks:
         for trial in task.trials
     ]
     weeks = folding.fold(task.history, task.cells, task.visits, np.array(weight, np.float32))
-    shape = (len(lives), len(task.trials), task.history.n_cells, waves.SLOTS)
+    shape = (len(lives), len(task.trials), task.history.n_cells, -1)
     return Weeks(weeks.seen.reshape(shape), weeks.full.reshape(shape))
 
 

@@ -27,14 +27,15 @@ def fit_calendar(history: History, recipe: Recipe, base: TimeBase) -> Spectrum:
     visits to slots and some ten matrix products of 672 × 145 per prior.
     """
     history = folding.recent(history, base)
-    mean = _means(history, base)
-    plain = replace(static(mean, 0.0, "logit"), time_zone=recipe.time_zone)
     n_observed, n_occupied = history.count_observed(), history.count_occupied()
+    mean = _means(n_observed, n_occupied, base)
+    plain = replace(static(mean, 0.0, "logit"), time_zone=recipe.time_zone)
     varying = np.flatnonzero((n_occupied > 0) & (n_occupied < n_observed))
-    order = min(recipe.order, waves.N_WAVES)
     if not varying.size:
         return plain
-    seen = folding.visits(history.start, history.stop, base, recipe.time_zone)
+    seen = folding.visits(history.start, history.stop, base, recipe.time_zone).phased(recipe.period_s)
+    frequency_hz, gate = waves.table(recipe.period_s)
+    order = min(recipe.order, frequency_hz.size)
     index = np.zeros((varying.size, order), np.uint16)
     coefficient = np.zeros((varying.size, order), np.complex64)
     for first in range(0, varying.size, BLOCK):
@@ -48,8 +49,8 @@ def fit_calendar(history: History, recipe: Recipe, base: TimeBase) -> Spectrum:
     return compact(
         replace(
             plain,
-            frequency_hz=waves.FREQUENCY_HZ,
-            gate=waves.GATE,
+            frequency_hz=frequency_hz,
+            gate=gate,
             cell=varying.astype(np.int32),
             index=index,
             coefficient=coefficient,
@@ -65,15 +66,15 @@ def fit_cells(
     weight = np.stack([folding.recency(seen.n_days, life) for life in lives])
     weeks = folding.fold(history, rows, seen, weight)
     by_life = {life: (weeks.seen[i], weeks.full[i]) for i, life in enumerate(lives)}
-    design = waves.design(folding.slot_offset_s(base))
-    beta = _blend(design, by_life, recipe.priors, None)
+    design = waves.design(folding.slot_offset_s(base), seen.phase is not None)
+    beta = blend_fits(design, by_life, recipe.priors, None)
     if recipe.order >= waves.N_WAVES:
         return beta
     kept = kept_columns(beta, recipe.order)
-    return _blend(design, by_life, recipe.priors, kept) if recipe.order < REFIT_BELOW else beta * kept
+    return blend_fits(design, by_life, recipe.priors, kept) if recipe.order < REFIT_BELOW else beta * kept
 
 
-def _blend(
+def blend_fits(
     design: NDArray[np.float32],
     by_life: dict[float, tuple[NDArray[np.float32], NDArray[np.float32]]],
     priors: tuple[Prior, ...],
@@ -81,23 +82,20 @@ def _blend(
 ) -> NDArray[np.float32]:
     """The average of the fits under every prior, of the kept columns only."""
     whole = sum(prior.weight for prior in priors)
-    total = np.zeros((), np.float32)
+    total, beta = np.zeros((), np.float32), None
     for prior in priors:
         seen, full = by_life[prior.half_life_days]
-        penalty, used = waves.penalties(prior)
-        has = used[np.newaxis] if kept is None else used * kept
         evidence = np.full(seen.shape[0], prior.evidence, np.float32)
-        beta = fit_rows(design, seen, full, evidence, penalty[np.newaxis], has)
+        beta = fit_rows(design, seen, full, evidence, waves.penalties(prior, design.shape[0] > waves.SLOTS), kept, beta)
         total = total + np.float32(prior.weight / whole) * beta
     return total
 
 
-def _means(history: History, base: TimeBase) -> NDArray[np.float32]:
+def _means(n_observed: NDArray[np.int64], n_occupied: NDArray[np.int64], base: TimeBase) -> NDArray[np.float32]:
     """The logit of the share of occupied samples, in visits to slots, half a visit of each kind added."""
     per_visit = max(1.0, waves.SLOT_S / base.interval_s)
-    observed, occupied = history.count_observed() / per_visit, history.count_occupied() / per_visit
-    mean = np.log((occupied + 0.5) / (observed - occupied + 0.5))
-    return np.where(observed > 0, mean, np.nan).astype(np.float32)
+    mean = np.log((n_occupied / per_visit + 0.5) / ((n_observed - n_occupied) / per_visit + 0.5))
+    return np.where(n_observed > 0, mean, np.nan).astype(np.float32)
 
 
 def _magnitude(beta: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -4,7 +4,7 @@ The counts of a week's slots are sufficient for a model that is constant within 
 weights of whole days; how far that is from the unfolded fit is a test.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -15,11 +15,11 @@ from app.spectral.civil import civil_seconds
 from app.spectral.history import History
 from app.spectral.jit import fused_kernel, kernel
 from app.spectral.timebase import TimeBase
-from app.spectral.waves import DAY_S, SLOT_S, SLOTS, SLOTS_A_DAY, WEEK_S
+from app.spectral.waves import DAY_S, PHASES, SLOT_S, SLOTS, SLOTS_A_DAY, WEEK_S
 
 DAYS_A_WEEK = 7
-MAX_DAYS = 364
-"""Only the latest year is folded: what bounds the cost of any history."""
+MAX_DAYS = 182
+"""Only the latest half year is folded: what bounds the cost of any history."""
 PIECE = 1 << 20
 ZERO, SIX = np.uint64(0), np.uint64(6)
 
@@ -37,11 +37,21 @@ class Visits:
     slot: NDArray[np.int64]
     first_day: int
     n_days: int
+    phase: NDArray[np.int64] | None = None
+
+    def phased(self, period_s: float | None) -> "Visits":
+        """With the phase (n,), 0 … PHASES - 1, of a period of civil time in the middle of each visit's slot."""
+        if period_s is None:
+            return self
+        middle = ((self.first_day + self.day) * SLOTS_A_DAY + self.slot + 0.5) * SLOT_S
+        return replace(self, phase=(middle / period_s % 1 * PHASES).astype(np.int64))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Weeks:
     """Weighted visits per slot of the civil week, and those occupied: (n_weights, n_cells, 672) float32 each.
+
+    Of visits with phases each slot is split by phase, (n_weights, n_cells, 672 · PHASES).
 
     A visit counts 1 on average: several samples of a slot on one day repeat each other. Of one that
     was occupied for a part that part is in `full`.
@@ -80,14 +90,16 @@ def fold(history: History, rows: NDArray[np.int64], seen: Visits, weight: NDArra
 
     0.1 ms per cell and year of quarters of an hour, whatever the samples an hour.
     """
-    shape = (weight.shape[0], rows.size, SLOTS)
+    split = 1 if seen.phase is None else PHASES
+    slot = seen.slot if seen.phase is None else seen.slot * PHASES + seen.phase
+    shape = (weight.shape[0], rows.size, SLOTS * split)
     weeks = Weeks(np.zeros(shape, np.float32), np.zeros(shape, np.float32))
     count = np.zeros((rows.size, 2), np.int64)
     end = np.append(np.flatnonzero(np.diff(seen.day)) + 1, seen.day.size)
-    place = ((seen.first_day + seen.day[end - 1]) % DAYS_A_WEEK) * SLOTS_A_DAY
+    place = ((seen.first_day + seen.day[end - 1]) % DAYS_A_WEEK) * SLOTS_A_DAY * split
     by_day = np.ascontiguousarray(weight.T[seen.day[end - 1]])
     planes = (history.observed, history.occupied)
-    _count(*planes, rows, seen.stop.astype(np.uint64), seen.slot, end, place, by_day, weeks.seen, weeks.full, count)
+    _count(*planes, rows, seen.stop.astype(np.uint64), slot, end, place, by_day, weeks.seen, weeks.full, count)
     scale = (count[:, 0] / np.maximum(count[:, 1], 1)).astype(np.float32)
     return Weeks(weeks.seen * scale[:, np.newaxis], weeks.full * scale[:, np.newaxis])
 

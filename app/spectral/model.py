@@ -6,15 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.spectral import bits
-from app.spectral.estimators import fit
+from app.spectral.estimators import fit_recipe
 from app.spectral.history import UNOBSERVED, History
 from app.spectral.outliers import Outliers, count, find_outliers
 from app.spectral.prediction import predict
+from app.spectral.recipe import Recipe
 from app.spectral.reconstruction import predicted_words
 from app.spectral.spectrum import Spectrum
 from app.spectral.timebase import TimeBase
 
-__all__ = ["Model", "accuracy", "add", "predict", "reconstruct", "update"]
+__all__ = ["Model", "accuracy", "add", "predict", "reconstruct", "refit", "update"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,10 +122,15 @@ def update(
     base: TimeBase,
     fit_window: tuple[int, int] | None = None,
 ) -> Model:
-    """Refit (the paper's model update): the spectrum from `fit_window`, by default all of the
-    history, and the outliers of the whole history. ValueError on an unknown estimator."""
+    """`refit` with nothing but a name and an order."""
+    return refit(history, Recipe(estimator, order), base, fit_window)
+
+
+def refit(history: History, recipe: Recipe, base: TimeBase, fit_window: tuple[int, int] | None = None) -> Model:
+    """The paper's model update: the spectrum from `fit_window`, by default all of the history, and the
+    outliers of the whole history. ValueError on an unknown estimator."""
     fitted = history if fit_window is None else history.window(*fit_window)
-    spectrum = fit(fitted, estimator, order, base)
+    spectrum = fit_recipe(fitted, recipe, base)
     outliers = find_outliers(spectrum, history, base)
     return Model(spectrum, outliers, base, history.start, history.stop, history.observed)
 

@@ -39,9 +39,9 @@ PRIORS: Final = (Prior(), Prior(week="week"))
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """Estimator and order; time_zone (IANA), priors and periods_s are for `calendar`.
+    """Estimator and order; time_zone (IANA), priors and period_s are for `calendar`.
 
-    The logits of several priors are averaged. periods_s: periods that are no part of a week, in
+    The logits of several priors are averaged. period_s: a period that is no part of a week, in
     seconds. ValueError on a negative order.
     """
 
@@ -49,7 +49,7 @@ class Recipe:
     order: int = ORDER
     time_zone: str = "UTC"
     priors: tuple[Prior, ...] = PRIORS
-    periods_s: tuple[float, ...] = ()
+    period_s: float | None = None
 
     def __post_init__(self) -> None:
         if self.order < 0:
@@ -74,7 +74,7 @@ class Recipe:
         priors = tuple(
             Prior(**{**each, "half_life_days": each["half_life_days"] or math.inf}) for each in plain["priors"]
         )
-        return cls(**{**plain, "priors": priors, "periods_s": tuple(plain["periods_s"])})
+        return cls(**{**plain, "priors": priors})
 
     def to_text(self) -> str:
         """Canonical JSON: equal recipes give equal text."""

@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.spectral import folding, trials
-from app.spectral.blending import FEW_CELLS, MARGIN, TRUST, Blend, blend, grid
+from app.spectral.blending import FEW_CELLS, MARGIN, Blend, blend, grid, trust
 from app.spectral.estimators import fit
 from app.spectral.evaluation import Scores
 from app.spectral.history import History
@@ -50,11 +50,12 @@ class Selection:
     cells: int
     time_zone: str = "UTC"
     priors: tuple[Prior, ...] = PRIORS
+    period_s: float | None = None
 
     @property
     def recipe(self) -> Recipe:
         """What to fit all cells by."""
-        return Recipe(self.estimator, self.order, self.time_zone, self.priors)
+        return Recipe(self.estimator, self.order, self.time_zone, self.priors, self.period_s)
 
 
 def choose(
@@ -125,7 +126,7 @@ def _table(task: Task, orders: Sequence[int], mixed: Blend | None, estimator: st
             yield _row("fft", order, trials.scores(probability, task.truth))
     if mixed is not None:
         for order in orders if len(orders) == 1 else CALENDAR_ORDERS:
-            yield _row("calendar", order, trials.scores(mixed.probability(order), task.truth))
+            yield _row("calendar", order, trials.scores(mixed.probability(order), mixed.truth))
 
 
 def _row(estimator: str, order: int, found: Scores) -> Row:
@@ -160,13 +161,15 @@ def _decide(
     if not scored:
         none = "nothing was observed on the days to be predicted"
         return _without(estimator, orders, time_zone, none, table, n_cells)
-    best = max(scored, key=lambda row: _belief(row) - TRUST * row.log_loss * row.n / math.sqrt(n_cells))
+    best = max(scored, key=lambda row: _belief(row) - trust(task) * row.log_loss * row.n)
     if best.estimator == "calendar":
         close = [row for row in scored if row.estimator == "calendar" and row.log_loss <= MARGIN * best.log_loss]
         best = min(close, key=lambda row: row.order)
-    priors = mixed.priors if mixed is not None and best.estimator == "calendar" else PRIORS
-    reason = _reason(best, len(table), task) + (_settings(mixed) if mixed and best.estimator == "calendar" else "")
-    return Selection(best.estimator, best.order, table, reason, n_cells, time_zone or "UTC", priors)
+    found = Selection(best.estimator, best.order, table, _reason(best, len(table), task), n_cells, time_zone or "UTC")
+    if mixed is None or best.estimator != "calendar":
+        return found
+    reason = found.reason + _settings(mixed)
+    return replace(found, reason=reason, priors=mixed.priors, period_s=mixed.period_s)
 
 
 def _belief(row: Row) -> float:
@@ -185,7 +188,8 @@ def _reason(best: Row, n_candidates: int, task: Task) -> str:
 def _settings(mixed: Blend) -> str:
     first = mixed.priors[0]
     life = "all days alike" if math.isinf(first.half_life_days) else f"half-life {first.half_life_days:g} days"
+    period = "" if mixed.period_s is None else f", with a period of {mixed.period_s / 3600:.3g} hours"
     return (
         f"; it averages {len(mixed.priors)} of {mixed.tried} settings, the first by {first.week}, "
-        f"{first.detail}, evidence {first.evidence:g}, {life}"
+        f"{first.detail}, evidence {first.evidence:g}, {life}{period}"
     )

@@ -1,7 +1,7 @@
 """Trials: parts of a history to be predicted from the rest, and how well probabilities did on them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -55,12 +55,18 @@ class Task:
     history: History
     base: TimeBase
     visits: Visits
+    time_zone: str
     trials: Sequence[Trial]
     truth: Weeks
 
     @property
     def cells(self) -> NDArray[np.int64]:
         return np.arange(self.history.n_cells)
+
+    def phased(self, period_s: float) -> "Task":
+        """The same with every slot split by the phase of a period: truth (n_trials, n_cells, 672 · PHASES)."""
+        split = self.visits.phased(period_s)
+        return replace(self, visits=split, truth=_truth(self.history, split, self.trials))
 
     def past(self, trial: Trial) -> History:
         """What a trial learns from; the days it predicts are unobserved."""
@@ -87,11 +93,14 @@ def task(history: History, base: TimeBase, time_zone: str, most: int) -> Task:
     """The trials of all cells of a history."""
     seen = folding.visits(history.start, history.stop, base, time_zone)
     trials = plan(seen.n_days, most)
+    return Task(history, base, seen, time_zone, trials, _truth(history, seen, trials))
+
+
+def _truth(history: History, seen: Visits, trials: Sequence[Trial]) -> Weeks:
     tested = np.zeros((len(trials), seen.n_days), np.float32)
     for trial, row in zip(trials, tested, strict=True):
         row[trial.first : trial.last] = 1
-    truth = folding.fold(history, np.arange(history.n_cells), seen, tested)
-    return Task(history, base, seen, trials, truth)
+    return folding.fold(history, np.arange(history.n_cells), seen, tested)
 
 
 def losses(probability: NDArray[Any], truth: Weeks) -> NDArray[np.float64]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from app.spectral.history import History
 from app.spectral.model import add, reconstruct, update
 from app.spectral.prediction import predict, predict_times
+from app.spectral.selection import choose
 from app.spectral.timebase import TimeBase
 
 
@@ -24,6 +25,7 @@ def warm() -> None:
     base = TimeBase(0.0, 60.0)
     for history in (fresh, stored):
         model = update(history.window(0, 150), "fft", 3, base)
+        reconstruct(update(history, "calendar", 3, base))
         update(history, "fft", 3, base)
         reconstruct(add(model, 170, 1))
         history.hold(2)
@@ -42,6 +44,7 @@ def warm() -> None:
             predict(spectrum, 0.0)
             predict_times(spectrum, [0.0, 1.0])
             reconstruct(replace(model, spectrum=spectrum))
+    choose(History.from_states((np.arange(2 * 4500).reshape(2, 4500) % 9 < 3).astype(np.uint8)), base, time_zone="UTC")
 
 
 def _read_only(array: NDArray[Any]) -> NDArray[Any]:

@@ -26,6 +26,8 @@ SCALE: Final = 2.0
 """Standard deviation of the daily rhythm under the prior, on the logit scale."""
 
 INTERCEPT_SD: Final = 6.0
+NEGLIGIBLE: Final = 4e-4
+"""Waves of less prior variance, which could move p(t) by half a hundredth, are not worth their cost."""
 
 DIFFERENCE: Final[dict[Week, tuple[float, float]]] = {
     "day": (0.0, 0.0),
@@ -49,9 +51,20 @@ HARMONIC: Final = np.concatenate((_DAILY, _GATED, _NEAR[_KEPT]))
 """(N_WAVES,) the harmonic of the day a wave is or, on single weekdays, is near to."""
 KIND: Final = np.repeat([0, 1, 2], [_DAILY.size, _GATED.size, int(_KEPT.sum())])
 """(N_WAVES,) 0 every day, 1 weekends only, 2 of single weekdays."""
+PHASES: Final = 12
+OVERTONES: Final = 3
+"""A period that is no part of the week is folded into so many phases and fitted with so many harmonics."""
 N_WAVES: Final = int(CYCLES_A_WEEK.size)
 FREQUENCY_HZ: Final = CYCLES_A_WEEK / WEEK_S
 GATE: Final = np.where(KIND == 1, WEEKEND, EVERY_DAY).astype(np.uint8)
+
+
+def table(period_s: float | None) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+    """Frequencies and gates of all waves, those of a period last."""
+    if period_s is None:
+        return FREQUENCY_HZ, GATE
+    more = np.arange(1, OVERTONES + 1) / period_s
+    return np.append(FREQUENCY_HZ, more), np.append(GATE, np.full(OVERTONES, EVERY_DAY, np.uint8))
 
 
 def variances(prior: Prior) -> NDArray[np.float64]:
@@ -70,19 +83,31 @@ def variances(prior: Prior) -> NDArray[np.float64]:
 
 
 @lru_cache(maxsize=256)
-def penalties(prior: Prior) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """The penalty of every column of the design, (1 + 2 N_WAVES,), and 1 where the prior has it, else 0."""
-    variance = variances(prior)
+def penalties(prior: Prior, period: bool = False) -> NDArray[np.float32]:
+    """The penalty of every column of the design; infinite for waves that the prior leaves out."""
+    variance = np.where(variances(prior) < NEGLIGIBLE, 0, variances(prior))
+    if period:
+        variance = np.append(variance, SCALE**2 / np.arange(1, OVERTONES + 1) ** 2)
     both = np.concatenate(([INTERCEPT_SD**2], variance, variance))
-    used = both > 0
-    return (1 / np.where(used, both, 1)).astype(np.float32), used.astype(np.float32)
+    penalty = np.full(both.size, np.inf)
+    np.divide(1, both, out=penalty, where=both > 0)
+    return penalty.astype(np.float32)
 
 
 @lru_cache(maxsize=64)
-def design(offset_s: float) -> NDArray[np.float32]:
-    """(SLOTS, 1 + 2 N_WAVES): a one, then gate · cos and gate · sin of every wave, `offset_s` into every slot."""
+def design(offset_s: float, period: bool = False) -> NDArray[np.float32]:
+    """(SLOTS, 1 + 2 N_WAVES): a one, then gate · cos and gate · sin of every wave, `offset_s` into every slot.
+
+    With a period (SLOTS · PHASES, 1 + 2 (N_WAVES + OVERTONES)): its waves last, its phases fastest.
+    """
     tau_s = np.asarray(SLOT_S * np.arange(SLOTS) + offset_s, np.float64)
-    return columns(tau_s).astype(np.float32)
+    plain = columns(tau_s)
+    if not period:
+        return plain.astype(np.float32)
+    one, cosine, sine = np.split(np.repeat(plain, PHASES, axis=0), [1, 1 + N_WAVES], axis=1)
+    angle = 2 * np.pi * (np.arange(PHASES)[:, np.newaxis] + 0.5) / PHASES * np.arange(1, OVERTONES + 1)
+    more = [np.tile(wave, (SLOTS, 1)) for wave in (np.cos(angle), np.sin(angle))]
+    return np.concatenate((one, cosine, more[0], sine, more[1]), axis=1).astype(np.float32)
 
 
 def columns(tau_s: NDArray[np.float64]) -> NDArray[np.float64]:

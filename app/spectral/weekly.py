@@ -64,7 +64,7 @@ def fill_weekly(spectrum: Spectrum, base: TimeBase, week: Clock, first: int, thr
     if odd.size:
         found = (table[:, np.searchsorted(used, single // WORD)] >> (single % WORD).astype(np.uint64)) & np.uint64(1)
         packed = np.packbits(found.astype(np.uint8).reshape(-1, WORD), axis=1, bitorder="little")
-        words[np.ix_(spectrum.cell, odd)] = packed.view("<u8").reshape(-1, odd.size)
+        words[np.ix_(spectrum.cell, odd)] = np.ascontiguousarray(packed).view("<u8").reshape(-1, odd.size)
 
 
 def _blocks_of_week(spectrum: Spectrum, week: Clock, used: NDArray[np.int64], threshold: float) -> Words:

@@ -11,7 +11,6 @@ from app.spectral.segment import SEGMENT_SAMPLES, Segment
 from app.spectral.spectrum import Spectrum
 from app.storage.codec import seal, unseal
 
-
 _SPECTRUM = ("frequency_hz", "gate", "mean", "cell", "index", "coefficient")
 """The arrays of a spectrum."""
 

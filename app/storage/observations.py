@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from sqlalchemy import Case, Column, ColumnElement, Connection, case, delete, insert, or_, select, update
+from sqlalchemy import Case, Column, ColumnElement, Connection, case, delete, func, insert, or_, select, update
 
 from app.errors import IdempotencyConflictError, LocationNotFoundError
 from app.spectral.measurements import Measurements
@@ -73,6 +73,16 @@ class Observations:
                 what = f"observation {row.id} of location {place.name!r}"
                 parts.append((row.id, unpack_measurements(row.payload, what)))
         return parts
+
+    def waiting(self) -> dict[int, int]:
+        """How many measurements are not compacted yet, by location id; those without any are left out."""
+        query = (
+            select(observation.c.location_id, func.sum(observation.c.measurements))
+            .join(location, location.c.id == observation.c.location_id)
+            .where(observation.c.id > location.c.compacted_seq)
+            .group_by(observation.c.location_id)
+        )
+        return {row[0]: int(row[1]) for row in self._connection.execute(query)}
 
     def segments(self, place: LocationRecord, chunk: int, first: int, last: int) -> dict[int, Segment]:
         """The stored segments of a chunk with numbers in [first, last]."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from sqlalchemy import RowMapping
 
 from app.space.grid import SINGLE, Grid
+from app.spectral.recipe import Recipe
 from app.spectral.timebase import TimeBase
 
 CHUNK_CELLS = 1024
@@ -90,8 +91,7 @@ class RevisionRecord:
 
     location_id: int
     revision: int
-    estimator: str
-    order: int
+    recipe: Recipe
     start: int
     stop: int
     observation_seq: int
@@ -103,7 +103,18 @@ class RevisionRecord:
     @classmethod
     def of(cls, row: RowMapping) -> "RevisionRecord":
         """From a row of the table."""
-        return cls(**{**row, "selection": json.loads(row["selection"]) if row["selection"] else None})
+        selection = json.loads(row["selection"]) if row["selection"] else None
+        return cls(**{**row, "recipe": Recipe.from_text(row["recipe"]), "selection": selection})
+
+    @property
+    def estimator(self) -> str:
+        """The estimator it was fitted by."""
+        return self.recipe.estimator
+
+    @property
+    def order(self) -> int:
+        """The order it was fitted at."""
+        return self.recipe.order
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """The repository of revisions and their spectra."""
 
 import json
-from dataclasses import asdict
+from dataclasses import fields
 
 from sqlalchemy import Connection, delete, func, insert, select, update
 
@@ -53,8 +53,10 @@ class Spectra:
         earlier = location.c.revision < record.revision
         shown = self._connection.execute(update(location).where(mine, earlier).values(revision=record.revision))
         if shown.rowcount == 1:
-            selection = json.dumps(record.selection) if record.selection else None
-            self._connection.execute(insert(revision).values(**{**asdict(record), "selection": selection}))
+            row = {field.name: getattr(record, field.name) for field in fields(record)}
+            row["recipe"] = record.recipe.to_text()
+            row["selection"] = json.dumps(record.selection) if record.selection else None
+            self._connection.execute(insert(revision).values(**row))
         visible = select(location.c.revision).where(mine).scalar_subquery()
         for table in (spectrum, revision):
             passed = (table.c.location_id == record.location_id) & (table.c.revision < visible)

@@ -5,6 +5,10 @@ from concurrent.futures import Future
 from contextlib import contextmanager
 from typing import TypeVar
 
+from sqlalchemy import Connection, make_url
+from sqlalchemy.exc import DBAPIError
+
+from app.errors import DatabaseUnusableError
 from app.storage.engine import open_reader, open_writer
 from app.storage.migrate import check_version, current_version, migrate
 from app.storage.work import Work
@@ -14,29 +18,45 @@ Result = TypeVar("Result")
 
 
 def migrate_database(url: str) -> None:
-    """Bring the database at `url` to this version's schema. Raises SchemaVersionError when it is a newer one."""
-    engine = open_writer(url)
-    try:
-        with engine.begin() as connection:
-            migrate(connection)
-    finally:
-        engine.dispose()
+    """Bring the database at `url` to this version's schema.
+
+    Raises SchemaVersionError when it is a newer one, DatabaseUnusableError when it cannot be opened.
+    """
+    with _writing(url) as connection:
+        migrate(connection)
 
 
 def prepare_database(url: str) -> None:
     """Migrate what nobody else shares, a SQLite file, and what is empty; refuse an outdated shared database.
 
-    Raises SchemaVersionError saying what to do.
+    Raises SchemaVersionError saying what to do, DatabaseUnusableError when it cannot be opened.
     """
+    with _writing(url) as connection:
+        if connection.dialect.name == "sqlite" or current_version(connection) is None:
+            migrate(connection)
+        else:
+            check_version(connection)
+
+
+@contextmanager
+def _writing(url: str) -> Iterator[Connection]:
+    """One transaction on a database that nobody has opened yet."""
     engine = open_writer(url)
     try:
-        with engine.begin() as connection:
-            if connection.dialect.name == "sqlite" or current_version(connection) is None:
-                migrate(connection)
-            else:
-                check_version(connection)
+        with _usable(url), engine.begin() as connection:
+            yield connection
     finally:
         engine.dispose()
+
+
+@contextmanager
+def _usable(url: str) -> Iterator[None]:
+    """Say which database it was that failed, and not its password."""
+    try:
+        yield
+    except DBAPIError as error:
+        address = make_url(url).render_as_string(hide_password=True)
+        raise DatabaseUnusableError(f"The database {address} cannot be used: {error.orig}") from error
 
 
 class Store:
@@ -45,7 +65,7 @@ class Store:
     def __init__(self, url: str, commit_queue: int = 1024, commit_batch: int = 128) -> None:
         self._reader = open_reader(url)
         try:
-            with self._reader.begin() as connection:
+            with _usable(url), self._reader.begin() as connection:
                 check_version(connection)
         except BaseException:
             self._reader.dispose()
@@ -70,9 +90,9 @@ class Store:
         """Queue a write; see `Writer.submit`."""
         return self._writer.submit(run)
 
-    def write(self, run: Callable[[Work], Result]) -> Result:
-        """Queue a write and wait until it is durable."""
-        return self._writer.submit(run).result()
+    def write(self, run: Callable[[Work], Result], then: Callable[[Result], None] | None = None) -> Result:
+        """Queue a write and wait until it is durable; `then` as in `Writer.submit`."""
+        return self._writer.submit(run, then).result()
 
     def waiting(self) -> int:
         """How many writes wait for the writer."""

@@ -22,6 +22,7 @@ Result = TypeVar("Result")
 @dataclass(frozen=True, slots=True)
 class _Write(Generic[Result]):
     run: Callable[[Work], Result]
+    then: Callable[[Result], None] | None
     future: Future[Result]
 
 
@@ -37,9 +38,11 @@ class Writer:
         self._thread = Thread(target=self._loop, name="tidemap-writer", daemon=True)
         self._thread.start()
 
-    def submit(self, run: Callable[[Work], Result]) -> Future[Result]:
+    def submit(self, run: Callable[[Work], Result], then: Callable[[Result], None] | None = None) -> Future[Result]:
         """The future of a write: its result once it is durable, or the error it raised (nothing was stored then).
 
+        `then` is called with the result before anybody else gets it, in the writer's thread and so in the order of
+        the commits; it should be quick.
         Raises QueueFullError, ShuttingDownError.
         """
         future: Future[Result] = Future()
@@ -47,7 +50,7 @@ class Writer:
             if self._closed:
                 raise ShuttingDownError
             try:
-                self._queue.put_nowait(_Write(run, future))
+                self._queue.put_nowait(_Write(run, then, future))
             except Full:
                 raise QueueFullError from None
         return future
@@ -86,37 +89,49 @@ class Writer:
                 return group, True
         return group, False
 
-    def _commit(self, group: list[_Write[Any]]) -> None:
+    def _commit(self, group: list[_Write[Any]], again: bool = True) -> None:
         """Settle every future, whatever happens: nobody waits for ever, and this thread goes on."""
         try:
             with self._engine.begin() as connection:
-                settle = [_run(connection, write) for write in group]
+                settle = [self._run(connection, write, again) for write in group]
         except BaseException as error:
             _log(f"a group of {len(group)} writes was not stored", error)
             settle = [partial(write.future.set_exception, StorageUnavailableError()) for write in group]
         for each in settle:
             each()
 
+    def _run(self, connection: Connection, write: _Write[Any], again: bool) -> Callable[[], None]:
+        """Run a write in a savepoint; returns what settles its future once the group is durable.
 
-def _run(connection: Connection, write: _Write[Any]) -> Callable[[], None]:
-    """Run a write in a savepoint; returns what settles its future once the group is durable.
-
-    Raises where the transaction has ended under it, as it does when the connection is lost and, in SQLite, when the
-    disk is full: then none of the group is stored.
-    """
-    savepoint = connection.begin_nested()
-    try:
-        result = write.run(Work.on(connection))
-        savepoint.commit()
-    except BaseException as error:
-        if isinstance(error, DBAPIError) and error.connection_invalidated:
-            raise
-        if isinstance(error, DBAPIError):
+        Raises where the transaction has ended under it, as it does when the connection is lost and, in SQLite, when
+        the disk is full: then none of the group is stored.
+        """
+        savepoint = connection.begin_nested()
+        try:
+            result = write.run(Work.on(connection))
+            savepoint.commit()
+        except DBAPIError as error:
+            if error.connection_invalidated:
+                raise
             _log("a write was refused by the database", error)
-            error = StorageUnavailableError()
-        savepoint.rollback()
-        return partial(write.future.set_exception, error)
-    return partial(write.future.set_result, result)
+            savepoint.rollback()
+            if again:
+                # Another process may have been in its way: once more, without the locks of a group.
+                return partial(self._commit, [write], again=False)
+            return partial(write.future.set_exception, StorageUnavailableError())
+        except BaseException as error:
+            savepoint.rollback()
+            return partial(write.future.set_exception, error)
+        return partial(_finish, write, result)
+
+
+def _finish(write: _Write[Result], result: Result) -> None:
+    try:
+        if write.then is not None:
+            write.then(result)
+    except BaseException:
+        log.exception("what follows a write failed; it is stored all the same")
+    write.future.set_result(result)
 
 
 def _log(what: str, error: BaseException) -> None:

@@ -1,6 +1,7 @@
 """The updater: runs queued jobs, refits locations whose history has grown, compacts long logs."""
 
 import logging
+import math
 from threading import Event, Thread
 
 from app.errors import ShuttingDownError, TidemapError
@@ -14,6 +15,8 @@ from app.workers.executors import LocalExecutor
 
 log = logging.getLogger(__name__)
 COMPACT_POSTS = 64
+COMPACT_MEASUREMENTS = 1_000_000
+"""A log that is longer is compacted before its location is due for an update: whoever reads the history unpacks it."""
 
 
 class Updater:
@@ -25,6 +28,7 @@ class Updater:
         self._stop = Event()
         self._executor = LocalExecutor(ctx.settings.update_threads)
         self._job: JobRecord | None = None
+        self._asked: dict[int, float] = {}
         self._thread = Thread(target=self._loop, name="tidemap-updater", daemon=True)
         self._unsubscribe = ctx.bus.subscribe(self._listen)
 
@@ -74,21 +78,24 @@ class Updater:
 
     def _look_around(self) -> None:
         with self._ctx.store.read() as work:
-            places, revisions = work.locations.list(), work.spectra.current()
+            places, revisions, waiting = work.locations.list(), work.spectra.current(), work.observations.waiting()
         for place in places:
             if self._stop.is_set():
                 return
             try:
-                self._care_for(place, revisions.get(place.id))
+                self._care_for(place, revisions.get(place.id), waiting.get(place.id, 0))
             except TidemapError as error:
                 log.warning("location %s: %s", place.name, error)
             except Exception:
                 log.exception("location %s: its care failed", place.name)
 
-    def _care_for(self, place: LocationRecord, revision: RevisionRecord | None) -> None:
-        if is_due(self._ctx, place, revision):
+    def _care_for(self, place: LocationRecord, revision: RevisionRecord | None, waiting: int) -> None:
+        now = self._ctx.clock()
+        rested = now - self._asked.get(place.id, -math.inf) >= self._ctx.settings.update_rest_s
+        if rested and is_due(self._ctx, place, revision):
+            self._asked[place.id] = now
             request_update(self._ctx, place.name, UpdateRequest())
-        elif place.observation_seq - place.compacted_seq >= COMPACT_POSTS:
+        elif place.observation_seq - place.compacted_seq >= COMPACT_POSTS or waiting >= COMPACT_MEASUREMENTS:
             compact(self._ctx, place.name)
 
 

@@ -37,6 +37,7 @@ def unreadable() -> Iterator[Case]:
         yield raw(path, b"[" * 100_000, 400, None, "JSON", method=method)
         yield raw(path, b'{"a":' * 10_000 + b"1" + b"}" * 10_000, 400, None, "JSON", method=method)
         yield raw(path, plain, 415, None, "application/json", "text/plain", method=method)
+        yield raw(path, plain, 415, None, "application/json", None, method=method)
         yield raw(path, plain, 415, None, "application/json", "application/octet-stream", method=method)
         yield raw(path, plain, 415, None, "application/json", "application/x-www-form-urlencoded", method=method)
         yield raw(path, plain, 400, None, "unpacked", method=method, **{"Content-Encoding": "gzip"})

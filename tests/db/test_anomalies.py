@@ -146,8 +146,10 @@ def test_a_reader_who_resumes_by_id_misses_no_event(
 
     with ThreadPoolExecutor(9) as pool:
         polled = pool.submit(poll)
-        written = [n for numbers in pool.map(write, range(80)) for n in numbers]
-        finished.set()
+        try:
+            written = [n for numbers in pool.map(write, range(80)) for n in numbers]
+        finally:
+            finished.set()
         seen = polled.result(20)
     assert seen == sorted(set(seen))
     assert sorted(written + ([] if first_of_all else [1])) == seen

@@ -18,7 +18,7 @@ from app.storage.store import Store
 from app.storage.tables import history, observation
 from app.storage.work import Work
 from tests.db.test_locations import VALUES
-from tests.support.contexts import make_location, post_rows
+from tests.support.contexts import make_location, opened, post_rows
 from tests.support.truth import Row, measurements_of
 
 
@@ -102,6 +102,17 @@ def test_the_tail_is_what_is_not_compacted(store: Store, place: LocationRecord) 
     assert store.write(lambda work: work.observations.compact(now(store, place), 2, {}))
     with store.read() as work:
         assert [number for number, _ in work.observations.tail(work.locations.get("door"))] == [3, 4]
+
+
+def test_what_waits_for_compaction_is_counted(store: Store, place: LocationRecord) -> None:
+    gate = store.write(lambda work: work.locations.create({**VALUES, "name": "gate"}))
+    for size in (3, 1, 5):
+        append(store, place, [(60.0 * n, 0, 1) for n in range(size)])
+    append(store, gate, [(0.0, 0, 1)])
+    store.write(lambda work: work.observations.compact(now(store, gate), 1, {}))
+    store.write(lambda work: work.observations.compact(now(store, place), 1, {}))
+    with store.read() as work:
+        assert work.observations.waiting() == {place.id: 6}
 
 
 def test_of_two_compactions_from_one_record_the_second_changes_nothing(store: Store, place: LocationRecord) -> None:
@@ -193,6 +204,16 @@ def test_two_compactions_at_once_lose_and_double_nothing(ctx: Context) -> None:
         compact(ctx, "lab")
     place = find_location(ctx, "lab")
     assert place.compacted_seq == place.observation_seq == 20
+
+
+def test_one_key_through_two_processes_stores_once(ctx: Context, database_url: str) -> None:
+    make_location(ctx, "lab", (4, 4))
+    with opened(database_url) as other, ThreadPoolExecutor(4) as pool:
+        for n in range(12):
+            rows = [(60.0 * n, 7, 1)]
+            both = [pool.submit(post_rows, each, "lab", rows, idempotency_key=f"k{n}") for each in (ctx, other)]
+            assert sorted(each.result().duplicate for each in both) == [False, True]
+    assert find_location(ctx, "lab").measurements == 12
 
 
 def test_history_of_a_new_location_is_not_that_of_a_deleted_one(ctx: Context) -> None:

@@ -10,6 +10,7 @@ from app.errors import CorruptChunkError
 from app.services.context import Context
 from app.services.predict import StateQuery, state_at
 from app.services.spectra import fitted
+from app.spectral.recipe import Recipe
 from app.spectral.spectrum import Spectrum, static
 from app.storage.records import LocationRecord, RevisionRecord
 from app.storage.store import Store
@@ -32,8 +33,7 @@ def record_of(place: LocationRecord, number: int, **changes: Any) -> RevisionRec
         **{
             "location_id": place.id,
             "revision": number,
-            "estimator": "static",
-            "order": 0,
+            "recipe": Recipe("static", 0),
             "start": -7,
             "stop": 2**40,
             "observation_seq": 3,

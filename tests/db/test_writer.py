@@ -11,10 +11,13 @@ from sqlalchemy import Connection, Engine, event, insert, select, text
 
 from app.errors import KeyNotFoundError, QueueFullError, ShuttingDownError, StorageUnavailableError
 from app.storage.engine import open_reader, open_writer
+from app.storage.records import LocationRecord
 from app.storage.store import Store
 from app.storage.tables import api_key
 from app.storage.work import Work
 from app.storage.writer import Writer
+from tests.db.test_locations import VALUES
+from tests.db.test_observations import record_of
 
 Run = Callable[[Work], Any]
 WAIT_S = 10.0
@@ -135,6 +138,28 @@ def test_what_the_database_refuses_harms_no_other_of_its_group(
     assert "a write was refused by the database" in caplog.text
 
 
+def test_what_follows_a_write_comes_in_the_order_of_the_commits_and_before_its_result(
+    writer: Writer, database_url: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    followed: list[tuple[str, list[str], bool]] = []
+
+    def follow(name: str) -> None:
+        followed.append((name, names(database_url), futures[int(name)].done()))
+        if name == "1":
+            raise ValueError("what follows is broken")
+
+    with held(writer):
+        futures = [writer.submit(key("0"), follow), writer.submit(key("1"), follow)]
+        futures += [writer.submit(refuse(ValueError("odd")), follow), writer.submit(key("3"), follow)]
+        assert futures[3].cancel()
+        futures.append(writer.submit(key("4"), follow))
+    wait(futures, WAIT_S)
+    stored = ["0", "1", "4"]
+    assert followed == [(name, stored, False) for name in stored]
+    assert futures[1].result() == "1"
+    assert "what follows a write failed" in caplog.text
+
+
 def test_a_cancelled_write_is_not_run(writer: Writer, database_url: str) -> None:
     with held(writer):
         first, second = writer.submit(key("first")), writer.submit(key("second"))
@@ -199,6 +224,28 @@ def only_on(engine: Engine, dialect: str) -> None:
         pytest.skip(f"says something about {dialect} alone")
 
 
+def test_two_processes_in_each_others_way_both_get_through(database_url: str) -> None:
+    """Groups that take the same rows in opposite order: PostgreSQL ends one of them after a second."""
+    stores = Store(database_url), Store(database_url)
+    places = [stores[0].write(lambda work, n=n: work.locations.create({**VALUES, "name": f"d{n}"})) for n in range(2)]
+
+    def append(place: LocationRecord, then: Event | None = None) -> Run:
+        def run(work: Work) -> int:
+            number = work.observations.append(place, record_of([(0.0, 0, 1)]))
+            if then is not None:
+                then.wait(0.3)
+            return number
+
+        return run
+
+    pause = Event()
+    futures = [store.submit(append(place, pause)) for store, place in zip(stores, places, strict=True)]
+    futures += [store.submit(append(place)) for store, place in zip(stores, reversed(places), strict=True)]
+    assert sorted(future.result(WAIT_S) for future in futures) == [1, 1, 2, 2]
+    for store in stores:
+        store.close()
+
+
 @pytest.mark.parametrize("when", ["between", "within", "at the end of"])
 def test_a_lost_connection_fails_a_group_at_most(
     writer: Writer, engine: Engine, database_url: str, when: str, caplog: pytest.LogCaptureFixture
@@ -255,6 +302,23 @@ def test_a_full_disk_loses_nothing_that_was_acknowledged(
     writer.submit(limit(2**30)).result(WAIT_S)
     writer.submit(large).result(WAIT_S)
     assert names(database_url) == [*stored, "small", *["large"] * 99]
+
+
+def test_a_disk_that_cannot_be_written_refuses_until_it_can(writer: Writer, engine: Engine, database_url: str) -> None:
+    only_on(engine, "sqlite")
+
+    def read_only(on: int) -> None:
+        connection = engine.raw_connection()
+        connection.cursor().execute(f"PRAGMA query_only = {on}")
+        connection.close()
+
+    writer.submit(key("a")).result(WAIT_S)
+    read_only(1)
+    for name in "bc":
+        assert isinstance(writer.submit(key(name)).exception(WAIT_S), StorageUnavailableError)
+    read_only(0)
+    assert writer.submit(key("d")).result(WAIT_S) == "d"
+    assert names(database_url) == ["a", "d"]
 
 
 def test_another_process_that_writes_is_waited_for(writer: Writer, engine: Engine, database_url: str) -> None:

@@ -79,8 +79,8 @@ def test_auto_finds_a_daily_rhythm() -> None:
     chosen = choose(daily(20), HOURLY)
     assert chosen.estimator == "fft"
     assert chosen.cells == 2
-    best = min(chosen.table, key=lambda row: row.log_loss)
-    assert (best.estimator, best.order) == (chosen.estimator, chosen.order)
+    loss = {row.order: row.log_loss for row in chosen.table}
+    assert loss[chosen.order] < 0.02 * loss[0]
     assert "of 7 candidates" in chosen.reason
 
 

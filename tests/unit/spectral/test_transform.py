@@ -88,7 +88,7 @@ def test_block_size_does_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_unknown_estimators_and_negative_orders_are_refused() -> None:
     history = History.empty(1, 0, 5)
-    with pytest.raises(ValueError, match="known are fft, static"):
+    with pytest.raises(ValueError, match="known are calendar, fft, static"):
         fit(history, "fourier", 2, BASE)
     with pytest.raises(ValueError, match="negative"):
         fit(history, "fft", -1, BASE)

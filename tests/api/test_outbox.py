@@ -1,0 +1,288 @@
+"""The outbox with real servers and real robots, and both killed: what was observed is there exactly once."""
+
+import asyncio
+import random
+import sqlite3
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.client import AsyncClient, Client, OutboxFullError, Patience, Pending, Queued
+from tests.api.outbox_robot import states
+from tests.support.paths import ROOT
+from tests.support.server import ServerProcess, StartServer, clean_environment
+
+OUT_OF_RANGE = "http://127.0.0.1:9"
+EAGER = Patience(first_s=0.05, most_s=0.2)
+DEATHS = 10
+NUMBERS = 10_000
+"""More than a robot observes in one life."""
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "outbox.db"
+
+
+@pytest.fixture
+def running(server: StartServer) -> ServerProcess:
+    """A server of the test's own with a location `door`, sampled each second."""
+    process = server(env={"TIDEMAP_VIEWER": "false"})
+    make(process, "door")
+    return process
+
+
+@pytest.fixture
+def name(request: pytest.FixtureRequest, shared_server: ServerProcess) -> str:
+    """A location of this test's own at the shared server, sampled each second."""
+    name = "".join(c if c.isalnum() else "-" for c in request.node.name)[:100]
+    make(shared_server, name)
+    return name
+
+
+def make(process: ServerProcess, name: str) -> None:
+    with Client(process.url) as tidemap:
+        tidemap.create_location(name, interval_s=1, estimator="static")
+
+
+def robot(url: str, path: Path, **how: Any) -> Client[Queued]:
+    return Client(url, outbox=path, patience=EAGER, **how)
+
+
+def until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 120
+    while not condition():
+        assert time.monotonic() < deadline, "it did not come to that"
+        time.sleep(0.01)
+
+
+def stored(process: ServerProcess, name: str = "door") -> tuple[int, dict[int, int]]:
+    """How many measurements the server has stored, repeats counted, and the state of every second it knows."""
+    with Client(process.url) as tidemap:
+        info = tidemap.location(name).get()
+        if info.last_time is None or info.first_time is None:
+            return 0, {}
+        series = tidemap.location(name).series(start=info.first_time, stop=info.last_time + 1, step=1)
+    seen = np.flatnonzero(series.observed >= 0)
+    return info.observations, {int(series.time[i]): int(series.observed[i]) for i in seen}
+
+
+def log_of(process: ServerProcess) -> dict[int, list[float]]:
+    """The times of the posts to each location, in the order in which the server stored them."""
+    posts: dict[int, list[float]] = {}
+    with closing(sqlite3.connect(process.data / "tidemap.db")) as db:
+        for location, time_s in db.execute("SELECT location_id, first_time FROM observation ORDER BY location_id, id"):
+            posts.setdefault(location, []).append(time_s)
+    return posts
+
+
+def test_what_was_observed_out_of_range_arrives_once_and_in_order(running: ServerProcess, path: Path) -> None:
+    make(running, "window")
+    running.kill()
+    for first in (80, 40):  # the robot is switched off and on in between
+        with robot(running.url, path) as spot:
+            for second in range(first, first - 40, -1):
+                assert spot.location("door").observe([second], [second % 2]) == Queued(1, 1)
+                assert spot.location("window").observe([second], [0]) == Queued(1, 1)
+            assert not spot.outbox.flush(0.1)
+            assert "unreachable" in str(spot.outbox.pending.last_error)
+            held = spot.outbox.pending.batches
+    assert held == 160
+    with robot(running.url, path) as spot:
+        running.restart()
+        assert spot.outbox.flush(120)
+        assert spot.outbox.pending == Pending(0, 0)
+    assert stored(running) == (80, {second: second % 2 for second in range(1, 81)})
+    assert list(log_of(running).values()) == [list(range(80, 0, -1))] * 2
+
+
+def test_a_server_killed_again_and_again_costs_nothing(running: ServerProcess, path: Path) -> None:
+    chance = random.Random(7)
+    done = threading.Event()
+
+    def observe(spot: Client[Queued]) -> None:
+        for second in range(500):
+            spot.location("door").observe([second], [second % 2])
+            time.sleep(0.003)
+        done.set()
+
+    with robot(running.url, path) as spot:
+        observing = threading.Thread(target=observe, args=[spot])
+        observing.start()
+        for _ in range(3):
+            before = stored(running)[0]
+            until(lambda before=before: stored(running)[0] >= before + 30)  # type: ignore[misc]
+            time.sleep(chance.uniform(0, 0.1))
+            running.kill()
+            running.restart()
+        observing.join()
+        assert spot.outbox.flush(120)
+        assert spot.outbox.refused() == []
+    assert done.is_set()
+    assert stored(running) == (500, {second: second % 2 for second in range(500)})
+    assert list(log_of(running).values()) == [list(range(500))]
+
+
+class Life:
+    """One run of the robot's script."""
+
+    def __init__(self, url: str, name: str, path: Path, receipts: Path, number: int) -> None:
+        self.first = number * NUMBERS
+        self.receipts = receipts
+        arguments = [url, name, str(path), str(receipts), str(self.first)]
+        command = [sys.executable, "-m", "tests.api.outbox_robot", *arguments]
+        self.process = subprocess.Popen(command, cwd=ROOT, env=clean_environment())
+
+    def written(self) -> list[int]:
+        """The numbers whose `observe` returned, of all lives; a line that was not finished does not count."""
+        text = self.receipts.read_text() if self.receipts.exists() else ""
+        return [int(line) for line in text.splitlines(keepends=True) if line.endswith("\n")]
+
+    def kill(self, pause_s: float) -> None:
+        """After its first observation and a pause."""
+        try:
+            until(lambda: self.first in self.written() or self.process.poll() is not None)
+            time.sleep(pause_s)
+            assert self.process.poll() is None
+        finally:
+            self.process.kill()
+            self.process.wait()
+
+
+def check(process: ServerProcess, name: str, written: list[int], deaths: int) -> None:
+    """Whatever `observe` returned for is stored exactly once, and little else."""
+    measurements, seen = stored(process, name)
+    expected = {3 * number + i: state for number in written for i, state in enumerate(states(number))}
+    assert len(expected) == 3 * len(written)
+    assert {second: seen.get(second) for second in expected} == expected
+    # A batch stored twice would be counted twice.
+    assert measurements == len(seen)
+    # Each death may have come between the outbox and the receipt.
+    assert len(seen) - len(expected) in range(0, 3 * deaths + 1, 3)
+
+
+def test_a_robot_killed_at_any_moment_loses_nothing_it_kept(running: ServerProcess, path: Path) -> None:
+    chance = random.Random(11)
+    for number in range(DEATHS):
+        if number in (2, 6):
+            running.kill()
+        life = Life(running.url, "door", path, path.with_name("receipts"), number)
+        life.kill(chance.uniform(0, 0.5))
+        if number in (3, 6):
+            running.restart()
+    with robot(running.url, path) as spot:
+        assert spot.outbox.flush(120)
+        assert spot.outbox.refused() == []
+    assert len(life.written()) >= DEATHS
+    check(running, "door", life.written(), DEATHS)
+
+
+def test_two_robots_on_one_outbox_and_each_killed(shared_server: ServerProcess, name: str, path: Path) -> None:
+    receipts = path.with_name("receipts-1"), path.with_name("receipts-2")
+    lives = [Life(shared_server.url, name, path, receipts[i], i) for i in range(2)]
+    for life in lives:
+        life.kill(0.5)
+    with robot(shared_server.url, path) as spot:
+        assert spot.outbox.flush(120)
+    check(shared_server, name, lives[0].written() + lives[1].written(), 2)
+
+
+def test_refused_batches_are_put_aside_and_sent_when_they_can_be(
+    shared_server: ServerProcess, name: str, path: Path
+) -> None:
+    with robot(shared_server.url, path) as spot:
+        spot.location(name).observe([1], [1])
+        spot.location(name).observe([2], [2])
+        spot.location("attic").observe([3], [1])
+        spot.location(name).observe([4], [0])
+        assert spot.outbox.flush(60)
+        wrong, unknown = spot.outbox.refused()
+        assert (wrong.status, unknown.status) == (422, 404)
+        assert "a state is 0 (free) or 1 (occupied)" in wrong.error
+        assert "attic" in unknown.error
+        make(shared_server, "attic")
+        spot.outbox.retry(unknown.id)
+        spot.outbox.discard(wrong.id)
+        assert spot.outbox.flush(60)
+        assert spot.outbox.refused() == []
+    assert stored(shared_server, name) == (2, {1: 1, 4: 0})
+    assert stored(shared_server, "attic") == (1, {3: 1})
+
+
+def test_a_key_that_is_not_valid_yet_costs_nothing_and_is_not_written_down(running: ServerProcess, path: Path) -> None:
+    with Client(running.url) as owner, Client(running.url, key=owner.keys.create("root", "admin").key) as admin:
+        with robot(running.url, path, key="tm_wrong") as spot:
+            spot.location("door").observe([1], [1])
+            assert not spot.outbox.flush(0.5)
+            assert "401" in str(spot.outbox.pending.last_error)
+            assert spot.outbox.refused() == []
+        key = admin.keys.create("spot", "robot").key
+        with robot(running.url, path, key=key) as spot:
+            assert spot.outbox.flush(60)
+            assert not any(key.encode() in file.read_bytes() for file in path.parent.iterdir())
+        assert admin.location("door").get().observations == 1
+
+
+def test_cells_as_rows_are_queued_without_the_server(shared_server: ServerProcess, path: Path) -> None:
+    cells = np.argwhere(np.ones((4, 3, 2)))
+    states = np.arange(48) % 5 == 0
+    with robot(OUT_OF_RANGE, path) as spot:
+        spot.location("lab").observe(np.repeat([0, 60], 24), states, np.tile(cells, (2, 1)))
+        spot.location("lab").observe_grid(120, occupied=cells[3:5], free=cells[20:])
+    with robot(shared_server.url, path) as spot, Client(shared_server.url) as tidemap:
+        grid = {"resolution_m": 0.5, "shape": [4, 3, 2]}
+        lab, twin = (tidemap.create_location(n, kind="grid3d", interval_s=60, grid=grid) for n in ("lab", "twin"))
+        for refused in spot.outbox.refused():  # if it was quicker than we
+            spot.outbox.retry(refused.id)
+        assert spot.outbox.flush(60)
+        twin.observe(np.repeat([0, 60], 24), states, np.tile(np.arange(24), 2))
+        twin.observe_grid(120, occupied=[3, 4], free=[20, 21, 22, 23])
+        assert [handle.update().state for handle in (lab, twin)] == ["done", "done"]
+        for time_s in (0, 60, 120):
+            one, two = (handle.state(time_s, observed=True).dense("observed") for handle in (lab, twin))
+            np.testing.assert_array_equal(one, two)
+
+
+def test_a_full_outbox_keeps_nothing_of_what_does_not_fit(shared_server: ServerProcess, name: str, path: Path) -> None:
+    def fill(spot: Client[Queued]) -> None:
+        for second in range(1000):
+            spot.location(name).observe([second], [1])
+
+    with robot(OUT_OF_RANGE, path, outbox_bytes=20_000) as spot:
+        with pytest.raises(OutboxFullError):
+            fill(spot)
+        kept = spot.outbox.pending
+        assert kept.batches > 10
+        assert 19_000 < kept.bytes <= 20_000
+    with robot(shared_server.url, path, outbox_bytes=20_000) as spot:
+        assert spot.outbox.flush(60)
+        spot.location(name).observe([kept.batches], [0])
+        assert spot.outbox.flush(60)
+    assert stored(shared_server, name) == (
+        kept.batches + 1,
+        dict.fromkeys(range(kept.batches), 1) | {kept.batches: 0},
+    )
+
+
+def test_the_asynchronous_client_out_of_range(shared_server: ServerProcess, name: str, path: Path) -> None:
+    async def observe(url: str, start: int) -> None:
+        async with AsyncClient(url, outbox=path, patience=EAGER) as spot:
+            for second in range(start, start + 30):
+                assert await spot.location(name).observe([second], [second % 2]) == Queued(1, 1)
+
+    async def finish() -> None:
+        async with AsyncClient(shared_server.url, outbox=path, patience=EAGER) as spot:
+            assert await spot.outbox.flush(60)
+
+    asyncio.run(observe(OUT_OF_RANGE, 0))
+    asyncio.run(observe(shared_server.url, 30))
+    asyncio.run(finish())
+    assert stored(shared_server, name) == (60, {second: second % 2 for second in range(60)})

@@ -1,0 +1,112 @@
+"""Keys, as people make and use them."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import httpx
+
+from tests.support.paths import ROOT
+from tests.support.server import ServerProcess, StartServer, clean_environment, run_command
+
+
+def make_key(where: tuple[str, ...], role: str, *more: str) -> dict[str, Any]:
+    done = run_command("keys", "create", "--role", role, *where, "--json", *more)
+    assert done.returncode == 0, done.stderr
+    return dict(json.loads(done.stdout))
+
+
+def bearer(secret: str) -> dict[str, str]:
+    return {"Authorization": f"Bearer {secret}"}
+
+
+def get(server: ServerProcess, path: str, secret: str | None = None) -> int:
+    headers = bearer(secret) if secret else {}
+    return httpx.get(f"{server.url}{path}", headers=headers, trust_env=False).status_code
+
+
+def test_keys_are_made_listed_and_revoked_while_the_server_runs(server: StartServer) -> None:
+    running = server(env={"TIDEMAP_VIEWER": "false"})
+    where = ("--data", str(running.data))
+    assert get(running, "/api/v1/locations") == 200, "open on loopback while there is no key"
+
+    admin = make_key(where, "admin", "--name", "the boss")
+    robot = make_key(where, "robot")
+    assert (admin["name"], admin["role"], robot["name"]) == ("the boss", "admin", "robot")
+    assert get(running, "/api/v1/locations") == 401, "closed from the first key on"
+    assert get(running, "/api/v1/locations", admin["key"]) == 200
+    assert get(running, "/api/v1/locations", robot["key"]) == 403
+    assert get(running, "/healthz") == get(running, "/readyz") == 200
+
+    listed = json.loads(run_command("keys", "list", *where, "--json").stdout)
+    assert [(key["name"], key["role"]) for key in listed] == [("the boss", "admin"), ("robot", "robot")]
+    plain = run_command("keys", "list", *where).stdout
+    assert "the boss" in plain
+    assert admin["key"] not in plain + json.dumps(listed)
+
+    assert run_command("keys", "revoke", str(robot["id"]), *where).returncode == 0
+    assert get(running, "/api/v1/locations", robot["key"]) == 401
+    again = run_command("keys", "revoke", str(robot["id"]), *where)
+    assert again.returncode == 1
+    assert "no key" in again.stderr
+
+    running.stop()
+    files = b"".join(path.read_bytes() for path in running.data.iterdir())
+    assert b"the boss" in files
+    for made in (admin, robot):
+        assert made["key"].encode() not in files
+        assert made["key"][8:].encode() not in files
+    assert admin["key"] not in running.output()
+
+
+def test_keys_on_postgresql(server: StartServer, postgres: Any) -> None:
+    url = postgres.url(postgres.create())
+    made = make_key(("--database-url", url), "admin")
+    running = server(database_url=url, env={"TIDEMAP_VIEWER": "false"})
+    assert get(running, "/api/v1/locations") == 401
+    assert get(running, "/api/v1/locations", made["key"]) == 200
+
+
+class TestBeyondLoopback:
+    """The server listens to others only with keys, or where it is told that somebody else checks them."""
+
+    def test_told_to_be_open_it_is(self, tmp_path: Path) -> None:
+        with Serving("--host", "0.0.0.0", "--open", "--data", str(tmp_path)) as url:
+            assert httpx.get(f"{url}/api/v1/locations", trust_env=False).status_code == 200
+
+    def test_with_a_key_it_listens_and_stays_closed(self, tmp_path: Path) -> None:
+        where = ("--data", str(tmp_path))
+        key = make_key(where, "admin")
+        with Serving("--host", "0.0.0.0", *where) as url:
+
+            def ask(**how: Any) -> int:
+                return httpx.get(f"{url}/api/v1/locations", trust_env=False, **how).status_code
+
+            assert ask() == 401
+            assert ask(headers=bearer(key["key"])) == 200
+            removed = httpx.delete(f"{url}/api/v1/keys/{key['id']}", headers=bearer(key["key"]), trust_env=False)
+            assert removed.status_code == 204
+            assert ask() == 401, "revoking the last key must not let everybody in"
+
+
+class Serving:
+    """A server on another address than the usual one, as a context with its URL."""
+
+    def __init__(self, *options: str) -> None:
+        environment = clean_environment() | {"TIDEMAP_VIEWER": "false"}
+        command = [sys.executable, "-m", "app.cli", "serve", "--port", "0", *options]
+        self._process = subprocess.Popen(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True)
+
+    def __enter__(self) -> str:
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline()
+        assert "ready at http://" in line, line
+        return line.split()[-1]
+
+    def __exit__(self, *_: object) -> None:
+        self._process.terminate()
+        assert self._process.stdout is not None
+        self._process.stdout.close()
+        assert self._process.wait(30) == 0

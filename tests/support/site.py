@@ -1,0 +1,83 @@
+"""A running server as its clients see it: its API and its events."""
+
+import json
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import count
+from typing import Any
+
+import httpx
+from websockets.sync.client import ClientConnection
+from websockets.sync.client import connect as connect_socket
+
+from tests.support.server import ServerProcess
+
+SILENCE_S = 0.3
+"""Long enough to say that nothing more comes."""
+_numbers = count(1)
+
+
+class Site:
+    """A server with its API and its events."""
+
+    def __init__(self, server: ServerProcess) -> None:
+        self.server = server
+        self.http = httpx.Client(base_url=f"{server.url}/api/v1", timeout=30, trust_env=False)
+
+    def __enter__(self) -> "Site":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.http.close()
+
+    @contextmanager
+    def events(self, query: str = "", **how: Any) -> Iterator[ClientConnection]:
+        """Connected to the events."""
+        address = f"ws://127.0.0.1:{self.server.port}/api/v1/events{query}"
+        with connect_socket(address, proxy=None, **how) as connection:
+            yield connection
+
+    def empty_room(self, seen: int = 20) -> str:
+        """A room that was never occupied; being occupied is an anomaly there, every second anew."""
+        name = f"room-{next(_numbers)}"
+        form = {"name": name, "interval_s": 1, "estimator": "static", "confidence": 0.75}
+        assert self.http.post("/locations", json=form).status_code == 201
+        self.observe(name, list(range(seen)), [0] * seen)
+        assert self.update(name)["state"] == "done"
+        return name
+
+    def observe(self, name: str, times: list[float], states: list[int]) -> Any:
+        answer = self.http.post(f"/locations/{name}/observations", json={"time": times, "state": states})
+        assert answer.status_code == 201, answer.text
+        return answer.json()
+
+    def update(self, name: str) -> Any:
+        return self.http.post(f"/locations/{name}/update?wait=30", json={}).json()
+
+    def anomalies(self, after: int = 0, location: str | None = None) -> list[int]:
+        """The ids of all stored events after one."""
+        path = "/anomalies" if location is None else f"/locations/{location}/anomalies"
+        found: list[int] = []
+        while True:
+            page = self.http.get(path, params={"after": after, "limit": 1000}).json()
+            found += [event["id"] for event in page["items"]]
+            if page["next"] is None:
+                return found
+            after = page["next"]
+
+
+def heard(connection: ClientConnection, seconds: float = SILENCE_S) -> list[dict[str, Any]]:
+    """What comes until nothing has come for a while."""
+    messages = []
+    while True:
+        try:
+            messages.append(json.loads(connection.recv(timeout=seconds)))
+        except TimeoutError:
+            return messages
+
+
+def listen_for(connection: ClientConnection, number: int, seconds: float = 20) -> list[dict[str, Any]]:
+    """The next messages."""
+    deadline = time.monotonic() + seconds
+    return [json.loads(connection.recv(timeout=deadline - time.monotonic())) for _ in range(number)]

@@ -1,0 +1,337 @@
+"""What the outbox makes of the server's answers; the servers here are scripts."""
+
+import asyncio
+import json
+import logging
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+
+from app.client import AsyncClient, Client, OutboxError, OutboxFullError, Patience, Pending, Queued
+from app.client.outbox.rests import ALL, Rests
+from app.client.outbox.verdict import Fate, judge
+from app.client.posting import observation, sighting
+from tests.unit.client.scripted import Received, Said, Script, scripted
+from tests.unit.client.test_patience import BUSY, HANG_UP, QUICK, STORED
+
+OK = Said(201, STORED)
+AGAIN = Said(200, STORED | {"duplicate": True})
+WRONG = Said(422, BUSY | {"status": 422, "errors": [{"field": "state[0]", "message": "a state is 0 or 1"}]})
+SIGN_IN = Said(200, b"<html>Welcome to the airport's network</html>")
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "outbox.db"
+
+
+def client(script: Script, path: Path, **how: Any) -> Client[Queued]:
+    return Client(script.url, **{"patience": QUICK, "outbox": path} | how)
+
+
+def keys(received: list[Received]) -> list[str]:
+    return [request.headers["Idempotency-Key"] for request in received]
+
+
+def until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 20
+    while not condition():
+        assert time.monotonic() < deadline, "it did not come to that"
+        time.sleep(0.005)
+
+
+def test_what_is_queued_is_sent_as_it_would_have_been(path: Path) -> None:
+    with scripted(OK) as script, client(script, path, key="tm_k") as robot:
+        door = robot.location("door")
+        assert door.observe([0.0, 1.0], [1, 0], source="spot", idempotency_key="mine") == Queued(1, 2)
+        assert door.observe_grid(5, occupied=[1, 2], free=[3]) == Queued(1, 3)
+        assert robot.outbox.flush(20)
+        assert robot.outbox.pending == Pending(0, 0)
+    with scripted(OK) as direct, Client(direct.url, key="tm_k") as other:
+        other.location("door").observe([0.0, 1.0], [1, 0], source="spot", idempotency_key="mine")
+        other.location("door").observe_grid(5, occupied=[1, 2], free=[3])
+    for one, two in zip(script.received, direct.received, strict=True):
+        assert (one.method, one.path, one.content) == (two.method, two.path, two.content)
+        assert one.headers["Content-Type"] == two.headers["Content-Type"]
+        assert one.headers["Authorization"] == "Bearer tm_k"
+    assert keys(script.received)[0] == "mine"
+    assert len(keys(script.received)[1]) == 32
+
+
+PASSING = [HANG_UP, SIGN_IN, Said(302, b""), Said(204, b""), Said(201, b"stored, honestly")]
+PASSING += [Said(status, BUSY) for status in (401, 403, 407, 408, 425, 429, 500, 502, 503, 504)]
+
+
+@pytest.mark.parametrize("failure", PASSING, ids=lambda said: "cut" if said.hang_up else str(said.status))
+def test_what_may_pass_is_waited_for(path: Path, failure: Said) -> None:
+    with scripted(failure, failure, AGAIN) as script, client(script, path) as robot:
+        robot.location("door").observe([0.0], [1])
+        assert robot.outbox.flush(20)
+        assert robot.outbox.refused() == []
+    assert len(script.received) == 3
+    assert len(set(keys(script.received))) == 1
+    assert len({request.content for request in script.received}) == 1
+
+
+@pytest.mark.parametrize("status", [400, 404, 409, 411, 413, 415, 422])
+def test_what_is_refused_is_put_aside_and_blocks_nothing(path: Path, status: int) -> None:
+    refusal = Said(status, WRONG.body | {"status": status})
+    with scripted(refusal, OK) as script, client(script, path) as robot:
+        door = robot.location("door")
+        door.observe([0.0], [2], idempotency_key="bad")
+        door.observe([1.0], [1], idempotency_key="good")
+        assert robot.outbox.flush(20)
+        (refused,) = robot.outbox.refused()
+        assert (refused.path, refused.key, refused.status, refused.tries) == ("/locations/door", "bad", status, 1)
+        assert refused.measurements == 1
+        assert "Send this again." in refused.error
+        assert "state[0]: a state is 0 or 1" in refused.error
+    assert keys(script.received) == ["bad", "good"]
+
+
+def test_the_refused_is_kept_until_somebody_decides(path: Path) -> None:
+    with scripted(WRONG, WRONG, OK) as script:
+        with client(script, path) as robot:
+            robot.location("door").observe([0.0], [2])
+            robot.location("door").observe([1.0], [2])
+            assert robot.outbox.flush(20)
+        with client(script, path) as robot:
+            first, second = robot.outbox.refused()
+            robot.outbox.retry(first.id)
+            assert robot.outbox.flush(20)
+            robot.outbox.discard(second.id)
+            assert robot.outbox.refused() == []
+            with pytest.raises(OutboxError, match=f"no refused batch has the id {second.id}"):
+                robot.outbox.retry(second.id)
+    assert keys(script.received)[2] == keys(script.received)[0]
+
+
+def test_a_location_that_fails_holds_up_no_other(path: Path) -> None:
+    slow = Patience(first_s=0.3, most_s=0.3)
+    with scripted(Said(500, BUSY), OK) as script, client(script, path, patience=slow) as robot:
+        for name in ("broken", "broken", "fine"):
+            robot.location(name).observe([0.0], [1])
+        until(lambda: len(script.received) == 4)
+        assert robot.outbox.flush(20)
+    assert [request.path.split("/")[4] for request in script.received] == ["broken", "fine", "broken", "broken"]
+
+
+def test_a_server_that_is_busy_is_left_alone_as_long_as_it_asks(path: Path) -> None:
+    busy = Said(503, BUSY, {"Retry-After": "1"})
+    with scripted(busy, OK) as script, client(script, path) as robot:
+        began = time.monotonic()
+        robot.location("door").observe([0.0], [1])
+        until(lambda: robot.outbox.pending.last_error is not None)
+        assert "Send this again." in str(robot.outbox.pending.last_error)
+        assert robot.outbox.flush(20)
+        assert time.monotonic() - began >= 1
+    assert len(script.received) == 2
+
+
+def test_flush_does_not_wait_for_the_end_of_a_pause(path: Path) -> None:
+    patient = Patience(first_s=500, most_s=500)
+    with scripted(HANG_UP, OK) as script, client(script, path, patience=patient) as robot:
+        robot.location("door").observe([0.0], [1])
+        until(lambda: robot.outbox.pending.last_error is not None)
+        assert robot.outbox.flush(20)
+
+
+def test_flush_says_when_it_was_not_enough(path: Path) -> None:
+    with scripted(Said(401, BUSY)) as script, client(script, path) as robot:
+        robot.location("door").observe([0.0], [1])
+        assert not robot.outbox.flush(0.1)
+        assert robot.outbox.pending.batches == 1
+
+
+def test_closing_loses_nothing_and_the_next_client_goes_on(path: Path) -> None:
+    with scripted(Said(503, BUSY)) as script, client(script, path) as robot:
+        for second in range(5):
+            robot.location("door").observe([float(second)], [1], idempotency_key=str(second))
+    with pytest.raises(OutboxError, match="closed"):
+        robot.location("door").observe([9.0], [1])
+    robot.close()
+    with scripted(OK) as script:
+        robot = client(script, path)
+        robot.close(flush_s=20)
+    assert keys(script.received) == ["0", "1", "2", "3", "4"]
+
+
+def test_closing_does_not_wait_for_a_server_that_hangs(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("app.client.outbox.sender.STOP_S", 0.2)
+    hangs, asked = threading.Event(), threading.Event()
+
+    class Hanging(Said):
+        @property
+        def status(self) -> int:  # type: ignore[override]
+            asked.set()
+            hangs.wait(20)
+            return 201
+
+        @status.setter
+        def status(self, _: int) -> None: ...
+
+    with scripted(Hanging(body=STORED)) as script:
+        robot = client(script, path)
+        robot.location("door").observe([0.0], [1])
+        assert asked.wait(20)
+        began = time.monotonic()
+        robot.close()
+        assert time.monotonic() - began < 5
+        hangs.set()
+        with client(script, path) as robot:
+            assert robot.outbox.flush(20)
+    assert len(set(keys(script.received))) == 1
+
+
+def test_more_than_a_post_holds_is_queued_whole_or_not_at_all(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("app.client.encoding.batches.__defaults__", (2,))
+    with scripted(OK) as script, client(script, path, outbox_bytes=2000) as robot:
+        door = robot.location("door")
+        assert door.observe(range(5), [0] * 5, idempotency_key="k") == Queued(3, 5)
+        assert robot.outbox.flush(20)
+        with pytest.raises(OutboxFullError, match="may hold 2000 bytes"):
+            door.observe(range(50), [0] * 50)
+        assert robot.outbox.pending == Pending(0, 0)
+    assert keys(script.received) == ["k-0", "k-1", "k-2"]
+
+
+def test_cells_as_rows_need_no_server(path: Path) -> None:
+    with scripted(OK) as script, client(script, path) as robot:
+        lab = robot.location("lab")
+        lab.observe([1, 0, 1], [0, 1, 1], np.array([[0, 0, 1], [3, 2, 1], [0, 1, 0]]))
+        lab.observe_grid(2, occupied=[[1, 0, 0]])
+        lab.observe_grid(3, occupied=[[1, 0, 0]], free=[[0, 0, 0], [0, 0, 1]])
+        assert robot.outbox.flush(20)
+        with pytest.raises(ValueError, match="a state is 0"):
+            lab.observe([1], [2], [[0, 0, 1]])
+        with pytest.raises(ValueError, match="whole numbers"):
+            lab.observe([1], [1], [[0, 0, 0.5]])
+        assert robot.outbox.pending.batches == 0
+    assert [json.loads(request.content)["observations"] for request in script.received] == [
+        [
+            {"time": 0.0, "occupied": [[3, 2, 1]], "free": []},
+            {"time": 1.0, "occupied": [[0, 1, 0]], "free": [[0, 0, 1]]},
+        ],
+        [{"time": 2.0, "occupied": [[1, 0, 0]], "free": []}],
+        [{"time": 3.0, "occupied": [[1, 0, 0]], "free": [[0, 0, 0], [0, 0, 1]]}],
+    ]
+
+
+def test_rows_are_the_linear_cells_of_a_shape() -> None:
+    shape = (4, 3, 2)
+    cells = np.argwhere(np.ones(shape))[::-1]
+    post = observation("/locations/lab", np.arange(24), np.arange(24) % 2, cells).linear(shape)
+    assert post.columns.cell is not None
+    assert (post.columns.cell.tolist(), post.columns.cell.dtype) == (list(range(24))[::-1], np.uint32)
+    seen = sighting("/locations/lab", 0, cells[:2], cells[2:3]).linear(shape).columns
+    assert seen.cell is not None
+    assert dict(zip(seen.cell.tolist(), seen.state.tolist(), strict=True)) == {23: 1, 22: 1, 21: 0}
+    with pytest.raises(ValueError, match="both as linear indices or both as rows"):
+        sighting("/locations/lab", 0, [[0, 0, 1]], [3])
+
+
+def test_several_clients_on_one_file_send_every_batch_once(path: Path) -> None:
+    with scripted(OK) as script:
+        robots = [client(script, path) for _ in range(3)]
+        for second in range(30):
+            robots[second % 3].location("door").observe([float(second)], [1], idempotency_key=str(second))
+        robots[0].close()
+        robots[1].close()
+        assert robots[2].outbox.flush(20)
+        robots[2].close()
+    assert keys(script.received) == [str(second) for second in range(30)]
+
+
+def test_the_log_says_why_the_outbox_waits_and_what_was_refused(path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.WARNING, "app.client.outbox")
+    busy = Said(503, BUSY)
+    with scripted(busy, busy, busy, WRONG) as script, client(script, path) as robot:
+        robot.location("door").observe([0.0], [2])
+        assert robot.outbox.flush(20)
+    waited, refused = [record.getMessage() for record in caplog.records]
+    assert "waits" in waited
+    assert "refused 1 measurements" in refused
+
+
+def test_a_file_that_fails_is_said_and_sending_goes_on_later(
+    path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    failures = [OutboxError("the disk is full"), RuntimeError("a mistake of ours")]
+    from app.client.outbox.store import Store
+
+    sent = Store.sent
+
+    def fails(self: Store, number: int) -> None:
+        if failures:
+            raise failures.pop(0)
+        sent(self, number)
+
+    monkeypatch.setattr(Store, "sent", fails)
+    with scripted(OK, AGAIN) as script, client(script, path) as robot:
+        robot.location("door").observe([0.0], [1])
+        assert robot.outbox.flush(20)
+    assert len(script.received) == 3
+    assert len(set(keys(script.received))) == 1
+    assert ["the disk is full" in r.getMessage() for r in caplog.records if r.levelname == "ERROR"] == [True, False]
+
+
+def test_a_client_without_outbox_says_so() -> None:
+    with Client("http://127.0.0.1:1") as robot, pytest.raises(OutboxError, match="outbox=PATH"):
+        _ = robot.outbox
+
+
+def test_the_asynchronous_client_queues_too(path: Path) -> None:
+    async def run(url: str) -> None:
+        async with AsyncClient(url, patience=QUICK, outbox=path) as robot:
+            door = robot.location("door")
+            assert await door.observe([0.0], [1], idempotency_key="first") == Queued(1, 1)
+            assert await door.observe([0.0], [2], idempotency_key="bad") == Queued(1, 1)
+            assert await robot.outbox.flush(20)
+            (refused,) = await robot.outbox.refused()
+            await robot.outbox.retry(refused.id)
+            assert await robot.outbox.flush(20)
+            (refused,) = await robot.outbox.refused()
+            await robot.outbox.discard(refused.id)
+            assert robot.outbox.pending == Pending(0, 0)
+            assert robot.outbox.path == path
+            await asyncio.gather(*(door.observe([float(t)], [1]) for t in range(20)))
+            await robot.close(flush_s=20)
+
+    with scripted(HANG_UP, OK, WRONG, WRONG, OK) as script:
+        asyncio.run(run(script.url))
+    assert keys(script.received)[:4] == ["first", "first", "bad", "bad"]
+    assert len(set(keys(script.received)[4:])) == 20
+
+
+def test_pauses_double_until_the_server_answers_and_respect_what_it_asks() -> None:
+    now = [100.0]
+    rests = Rests(Patience(first_s=1, most_s=4), lambda: now[0])
+    assert (rests.left_s(), rests.paths(), rests.next_s()) == (0, [], float("inf"))
+    for longest in (1, 2, 4, 4):
+        rests.failed(ALL, None)
+        assert longest / 2 <= rests.left_s() <= longest
+    rests.failed("a", 10)
+    rests.failed("b", None)
+    assert rests.paths() == ["a", "b"]
+    assert rests.next_s() <= 1
+    rests.hurry()
+    assert (rests.left_s(), rests.paths(), rests.next_s()) == (0, ["a"], 10)
+    now[0] += 10
+    assert rests.paths() == []
+    rests.failed("a", 1e9)
+    assert rests.next_s() == 900
+    rests.answered("a")
+    rests.failed(ALL, None)
+    assert rests.left_s() <= 1
+
+
+@pytest.mark.parametrize("error", [httpx.ReadTimeout("slow"), httpx.DecodingError("no gzip")])
+def test_a_failure_of_one_request_says_nothing_of_others(error: httpx.RequestError) -> None:
+    assert judge("/locations/door", error).fate is Fate.WAIT
+    assert judge("/locations/door", httpx.ConnectError("down")).fate is Fate.ALL_WAIT

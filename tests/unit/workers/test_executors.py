@@ -1,0 +1,80 @@
+"""Executors: results in order, errors to the caller, and an end that is told from a failure."""
+
+import time
+from collections.abc import Iterator
+from threading import Event, Thread, current_thread
+
+import pytest
+
+from app.errors import ShuttingDownError
+from app.workers.executors import LocalExecutor
+
+
+@pytest.fixture
+def executor() -> Iterator[LocalExecutor]:
+    """Two threads."""
+    made = LocalExecutor(2)
+    yield made
+    made.close()
+
+
+def test_results_come_in_the_order_of_the_items(executor: LocalExecutor) -> None:
+    def task(n: int) -> int:
+        time.sleep(0.001 * (5 - n % 5))
+        return n * n
+
+    assert list(executor.map(task, range(20))) == [n * n for n in range(20)]
+
+
+def test_tasks_run_at_the_same_time_in_threads_of_its_own(executor: LocalExecutor) -> None:
+    begun = [Event(), Event()]
+
+    def meet(n: int) -> str:
+        begun[n].set()
+        assert begun[1 - n].wait(10)
+        return current_thread().name
+
+    assert all(name.startswith("tidemap-update") for name in executor.map(meet, range(2)))
+
+
+@pytest.mark.parametrize("error", [ValueError("bad"), RuntimeError("bad")])
+def test_an_error_of_a_task_is_the_callers(executor: LocalExecutor, error: Exception) -> None:
+    def task(n: int) -> int:
+        if n == 3:
+            raise error
+        return n
+
+    results = executor.map(task, range(6))
+    with pytest.raises(type(error), match="bad"):
+        list(results)
+    assert list(executor.map(abs, [-1])) == [1]
+
+
+def test_closing_lets_what_runs_end_and_says_so_for_the_rest() -> None:
+    executor, begun, go_on, ended = LocalExecutor(1), Event(), Event(), []
+
+    def task(n: int) -> None:
+        begun.set()
+        go_on.wait(10)
+        ended.append(n)
+
+    failed: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            list(executor.map(task, range(5)))
+        except BaseException as error:
+            failed.append(error)
+
+    running = Thread(target=run)
+    running.start()
+    assert begun.wait(10)
+    closing = Thread(target=executor.close)
+    closing.start()
+    go_on.set()
+    for thread in (closing, running):
+        thread.join(10)
+    assert ended == list(range(len(ended)))
+    assert [type(error) for error in failed] == [ShuttingDownError] or len(ended) == 5
+    with pytest.raises(ShuttingDownError):
+        list(executor.map(abs, [1]))

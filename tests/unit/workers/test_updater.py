@@ -1,0 +1,326 @@
+"""The updater: refits by itself what has grown, runs what was asked for, and nothing stops it."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from threading import Event
+from typing import Any
+
+import numpy as np
+import pytest
+from sqlalchemy import update
+
+from app.errors import JobFinishedError, JobNotFoundError, QueueFullError, StorageUnavailableError
+from app.events.messages import Message
+from app.schemas.jobs import Job
+from app.services import jobs as jobs_service
+from app.services.context import Context
+from app.services.jobs import cancel_job, claim_job, get_job, list_jobs, request_update
+from app.services.locations import delete_location, find_location, get_location
+from app.services.predict import StateQuery, state_at
+from app.services.update import UpdateRequest
+from app.spectral.recipe import Recipe
+from app.storage.records import LocationRecord, RevisionRecord
+from app.storage.tables import observation
+from app.workers import updater as updater_module
+from app.workers.updater import Updater, is_due
+from tests.support.contexts import NOW, Clock, make_location, opened, post_rows, post_states
+
+WAIT_S = 20.0
+STATIC = UpdateRequest(estimator="static")
+
+
+@contextmanager
+def working(ctx: Context) -> Iterator[Updater]:
+    """An updater at work."""
+    updater = Updater(ctx)
+    updater.start()
+    try:
+        yield updater
+    finally:
+        updater.stop()
+
+
+@pytest.fixture
+def lively(sqlite_url: str, clock: Clock) -> Iterator[Context]:
+    """A context whose updater looks around all the time."""
+    with opened(sqlite_url, clock, updater=True, updater_interval_s=0.02) as ctx:
+        yield ctx
+
+
+def until(condition: Callable[[], Any]) -> Any:
+    """Wait for something to become true; its value."""
+    deadline = time.monotonic() + WAIT_S
+    while not (value := condition()):
+        assert time.monotonic() < deadline, "this did not happen"
+        time.sleep(0.005)
+    return value
+
+
+def finished(ctx: Context, number: int) -> Job | None:
+    job = get_job(ctx, number)
+    return job if job.finished_at is not None else None
+
+
+def place_of(ctx: Context, **changes: Any) -> LocationRecord:
+    make_location(ctx, "door")
+    return replace(find_location(ctx, "door"), **changes)
+
+
+def revision_of(place: LocationRecord, **changes: Any) -> RevisionRecord:
+    made = RevisionRecord(place.id, 1, Recipe("static", 0), 0, 100, 1, 1000, 0.5, NOW, None)
+    return replace(made, **changes)
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "due"),
+    [(None, None, False), (0.0, 0.0, False), (0.0, 47 * 60.0, False), (0.0, 48 * 60.0, True), (-9e9, 0.0, True)],
+)
+def test_the_first_update_is_due_once_the_history_is_long_enough(
+    ctx: Context, first: float | None, last: float | None, due: bool
+) -> None:
+    place = place_of(ctx, first_time=first, last_time=last, measurements=50)
+    assert is_due(ctx, place, None) is due
+
+
+@pytest.mark.parametrize(
+    ("measurements", "later_s", "due"),
+    [(1000, 1e9, False), (1099, 1e9, False), (1100, 29.0, False), (1100, 30.0, True), (9999, 0.0, False)],
+)
+def test_another_is_due_when_the_history_has_grown_and_the_last_has_rested(
+    ctx: Context, clock: Clock, measurements: int, later_s: float, due: bool
+) -> None:
+    place = place_of(ctx, first_time=0.0, last_time=1e6, measurements=measurements)
+    clock.now += later_s
+    assert is_due(ctx, place, revision_of(place)) is due
+
+
+def test_posts_become_a_model_without_anybody_asking(lively: Context, clock: Clock) -> None:
+    make_location(lively, "door", estimator="static")
+    with working(lively):
+        post_states(lively, "door", 60.0 * np.arange(40), np.ones(40))
+        time.sleep(0.1)
+        assert find_location(lively, "door").revision == 0
+        post_states(lively, "door", 60.0 * np.arange(40, 60), np.ones(20))
+        until(lambda: find_location(lively, "door").revision == 1)
+        post_states(lively, "door", 60.0 * np.arange(60, 80), np.zeros(20))
+        time.sleep(0.1)
+        assert find_location(lively, "door").revision == 1, "the last update has not rested"
+        clock.now += 60
+        until(lambda: find_location(lively, "door").revision == 2)
+    assert state_at(lively, "door", StateQuery(0.0)).probability.tolist() == [0.75]
+    assert {job.state for job in list_jobs(lively, None, 10)} == {"done"}
+    assert len(list_jobs(lively, None, 10)) == 2
+
+
+def test_an_update_that_fails_is_not_asked_for_all_the_time(lively: Context, clock: Clock) -> None:
+    make_location(lively, "door", estimator="fft", order=1)
+    post_states(lively, "door", 60.0 * np.arange(60), np.ones(60))
+    row = observation.c.id == 1
+    lively.store.write(lambda work: work.jobs._connection.execute(update(observation).where(row).values(payload=b"")))
+    with working(lively):
+        until(lambda: [job for job in list_jobs(lively, None, 9) if job.state == "failed"])
+        time.sleep(0.2)
+        assert len(list_jobs(lively, None, 9)) == 1
+        clock.now += lively.settings.update_rest_s
+        until(lambda: len(list_jobs(lively, None, 9)) == 2)
+
+
+def test_a_few_large_posts_are_compacted_too(lively: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(updater_module, "COMPACT_MEASUREMENTS", 40)
+    make_location(lively, "door")
+    make_location(lively, "gate")
+    with working(lively):
+        post_states(lively, "gate", 60.0 * np.arange(39), np.ones(39))
+        post_states(lively, "door", 60.0 * np.arange(20), np.ones(20))
+        post_states(lively, "door", 60.0 * np.arange(20, 40), np.ones(20))
+        until(lambda: find_location(lively, "door").compacted_seq == 2)
+    assert find_location(lively, "gate").compacted_seq == 0
+
+
+def test_a_long_log_is_compacted_without_anybody_asking(lively: Context) -> None:
+    make_location(lively, "door")
+    with working(lively):
+        for _ in range(updater_module.COMPACT_POSTS + 1):
+            post_states(lively, "door", [0.0], [1])
+        until(lambda: find_location(lively, "door").compacted_seq >= updater_module.COMPACT_POSTS)
+    assert find_location(lively, "door").revision == 0
+
+
+def test_jobs_run_in_order_and_everybody_is_told(ctx: Context) -> None:
+    make_location(ctx, "door")
+    post_states(ctx, "door", [0.0, 60.0], [0, 1])
+    heard: list[Message] = []
+    ctx.bus.subscribe(heard.append)
+    with working(ctx):
+        first, second = (request_update(ctx, "door", STATIC) for _ in range(2))
+        done = until(lambda: finished(ctx, second.id))
+    assert (done.state, done.progress, done.error) == ("done", 1.0, None)
+    assert done.result is not None
+    assert (done.result["revision"], done.result["estimator"]) == (2, "static")
+    assert get_job(ctx, first.id).state == "done"
+    states = [message.data["state"] for message in heard if message.kind == "job" and message.id == second.id]
+    assert states == ["queued", "running", "done"]
+    assert [message.id for message in heard if message.kind == "update"] == [1, 2]
+
+
+@pytest.mark.parametrize(
+    ("request_", "said"),
+    [
+        (UpdateRequest(start=1e9), "nothing was observed"),
+        (UpdateRequest(estimator="oracle", order=1), "unknown estimator"),
+    ],
+)
+def test_a_job_that_fails_says_why_and_the_next_runs(ctx: Context, request_: UpdateRequest, said: str) -> None:
+    make_location(ctx, "door")
+    post_states(ctx, "door", [0.0, 60.0], [0, 1])
+    with working(ctx) as updater:
+        bad = request_update(ctx, "door", request_)
+        good = request_update(ctx, "door", STATIC)
+        until(lambda: finished(ctx, good.id))
+        assert updater.alive()
+    assert (get_job(ctx, good.id).state, get_job(ctx, bad.id).state) == ("done", "failed")
+    assert said in (get_job(ctx, bad.id).error or "")
+
+
+def test_the_location_of_a_running_job_may_be_deleted(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("door", "gate"):
+        make_location(ctx, name)
+        post_states(ctx, name, [0.0, 60.0], [0, 1])
+    begun, go_on = Event(), Event()
+    fit = jobs_service.run_update
+
+    def slow(*arguments: Any) -> RevisionRecord:
+        begun.set()
+        assert go_on.wait(WAIT_S)
+        return fit(*arguments)
+
+    monkeypatch.setattr(jobs_service, "run_update", slow)
+    with working(ctx) as updater:
+        gone = request_update(ctx, "door", STATIC)
+        assert begun.wait(WAIT_S)
+        delete_location(ctx, "door")
+        go_on.set()
+        until(lambda: finished(ctx, request_update(ctx, "gate", STATIC).id) or True)
+        until(lambda: find_location(ctx, "gate").revision)
+        assert updater.alive()
+    with pytest.raises(JobNotFoundError):
+        get_job(ctx, gone.id)
+
+
+def test_only_a_queued_job_can_be_cancelled(ctx: Context) -> None:
+    make_location(ctx, "door")
+    first, second = (request_update(ctx, "door", STATIC) for _ in range(2))
+    assert cancel_job(ctx, second.id).state == "cancelled"
+    for number, state in ((second.id, "cancelled"), (first.id, "running")):
+        if state == "running":
+            claim_job(ctx, frozenset())
+        with pytest.raises(JobFinishedError, match=f"is {state}"):
+            cancel_job(ctx, number)
+    with pytest.raises(JobNotFoundError):
+        cancel_job(ctx, 99)
+
+
+def make_lab(ctx: Context) -> None:
+    """A grid of several chunks."""
+    make_location(ctx, "lab", (80, 80))
+    post_rows(ctx, "lab", [(60.0 * n, cell, n % 2) for n in range(4) for cell in range(0, 6400, 100)])
+
+
+def test_a_job_that_the_end_interrupts_runs_again_at_the_next_start(
+    sqlite_url: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    from app.services import update
+
+    begun, go_on = Event(), Event()
+    fit = update._update_chunk
+
+    def slow(*arguments: Any) -> tuple[int, int]:
+        begun.set()
+        go_on.wait(WAIT_S)
+        return fit(*arguments)
+
+    monkeypatch.setattr(update, "_update_chunk", slow)
+    with opened(sqlite_url, update_threads=1) as ctx:
+        make_lab(ctx)
+        with working(ctx) as updater:
+            job = request_update(ctx, "lab", STATIC)
+            assert begun.wait(WAIT_S)
+            updater._executor._closed = True
+            updater._executor._pool.shutdown(wait=False, cancel_futures=True)
+            go_on.set()
+        assert get_job(ctx, job.id).state == "running"
+        assert "failed" not in caplog.text
+    monkeypatch.setattr(update, "_update_chunk", fit)
+    with opened(sqlite_url) as ctx, working(ctx):
+        done = until(lambda: finished(ctx, job.id))
+        assert done.state == "done"
+        assert get_location(ctx, "lab").revision == done.result["revision"]
+
+
+def test_the_end_of_a_job_is_stored_once_the_database_is_back(lively: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    make_location(lively, "door")
+    post_states(lively, "door", [0.0, 60.0], [0, 1])
+    write = lively.store.write
+    away = Event()
+
+    def refuse(_: Any, *arguments: Any) -> Any:
+        if away.is_set():
+            raise StorageUnavailableError
+        return write(*arguments)
+
+    monkeypatch.setattr("app.storage.store.Store.write", refuse)
+    job = request_update(lively, "door", STATIC)
+    lively.bus.subscribe(lambda message: away.set() if message.data.get("state") == "running" else None)
+    with working(lively):
+        until(away.is_set)
+        time.sleep(0.1)
+        assert get_job(lively, job.id).state == "running"
+        monkeypatch.setattr("app.storage.store.Store.write", lambda _, *arguments: write(*arguments))
+        assert until(lambda: finished(lively, job.id)).state == "done"
+
+
+def test_a_full_queue_does_not_fail_an_update_for_its_progress(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: Any) -> None:
+        raise QueueFullError
+
+    make_lab(ctx)
+    monkeypatch.setattr("app.storage.store.Store.submit", refuse)
+    with working(ctx):
+        job = request_update(ctx, "lab", STATIC)
+        assert until(lambda: finished(ctx, job.id)).state == "done"
+
+
+def test_one_location_that_cannot_be_cared_for_keeps_no_other_from_it(
+    lively: Context, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    due = updater_module.is_due
+
+    def odd(ctx: Context, place: LocationRecord, revision: RevisionRecord | None) -> bool:
+        if place.name == "attic":
+            raise ArithmeticError("odd")
+        return due(ctx, place, revision)
+
+    monkeypatch.setattr(updater_module, "is_due", odd)
+    for name in ("attic", "door"):
+        make_location(lively, name)
+        post_states(lively, name, 60.0 * np.arange(60), np.ones(60))
+    with working(lively):
+        until(lambda: find_location(lively, "door").revision)
+    assert "location attic" in caplog.text
+
+
+def test_the_updater_can_be_told_to_leave_things_alone(sqlite_url: str) -> None:
+    with opened(sqlite_url, updater=False, updater_interval_s=0.02) as ctx:
+        make_location(ctx, "door")
+        post_states(ctx, "door", 60.0 * np.arange(60), np.ones(60))
+        with working(ctx):
+            time.sleep(0.1)
+        assert find_location(ctx, "door").revision == 0
+
+
+def test_an_updater_that_never_started_can_be_stopped(ctx: Context) -> None:
+    updater = Updater(ctx)
+    assert not updater.alive()
+    updater.stop()
