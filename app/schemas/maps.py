@@ -66,13 +66,13 @@ class Component(Answer):
     """One wave: amplitude·cos(2π·frequency_hz·τ + phase); with `gate` weekend on Saturdays and Sundays only.
 
     τ is t - start in seconds where the model's `time_zone` is null (fft), else the civil time there in seconds since a
-    Monday 00:00 (calendar).
+    Monday 00:00 (calendar). `period_s` is null for a constant, which a gate may have.
     """
 
     amplitude: float
     phase: float
     frequency_hz: float
-    period_s: float
+    period_s: float | None
     gate: str | None = None
 
 

@@ -57,7 +57,7 @@ def _components(spectrum: Spectrum) -> list[Component]:
             amplitude=float(amplitude),
             phase=float(phase),
             frequency_hz=float(frequency),
-            period_s=float(1 / frequency),
+            period_s=float(1 / frequency) if frequency else None,
             gate="weekend" if gate == WEEKEND else None,
         )
         for amplitude, phase, frequency, gate in rows

@@ -1,8 +1,7 @@
 """Ascent: penalised logistic regressions of many cells on one design, by preconditioned conjugate gradients.
 
 Each step costs two matrix products, shared by a block of cells, and takes the Newton length along its
-direction. It needs a quarter of the steps of the Böhning–Lindsay bound (¼ XᵀWX in place of the Hessian),
-which is slow for cells that are rarely occupied, and no factorisation.
+direction, and needs no factorisation.
 """
 
 import numpy as np

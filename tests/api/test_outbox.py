@@ -104,6 +104,7 @@ def test_what_was_observed_out_of_range_arrives_once_and_in_order(running: Serve
     assert list(log_of(running).values()) == [list(range(80, 0, -1))] * 2
 
 
+@pytest.mark.slow
 def test_a_server_killed_again_and_again_costs_nothing(running: ServerProcess, path: Path) -> None:
     chance = random.Random(7)
     done = threading.Event()
@@ -169,6 +170,7 @@ def check(process: ServerProcess, name: str, written: list[int], deaths: int) ->
     assert len(seen) - len(expected) in range(0, 3 * deaths + 1, 3)
 
 
+@pytest.mark.slow
 def test_a_robot_killed_at_any_moment_loses_nothing_it_kept(running: ServerProcess, path: Path) -> None:
     chance = random.Random(11)
     for number in range(DEATHS):

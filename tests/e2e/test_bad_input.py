@@ -13,8 +13,9 @@ import httpx
 import pytest
 import zstandard
 
+from tests.support.here import command
 from tests.support.memory import memory_mb, peak_memory_mb
-from tests.support.server import ServerProcess, StartServer, run_command
+from tests.support.server import ServerProcess, StartServer
 from tests.support.site import Site
 
 GIGABYTE = 10**9
@@ -115,7 +116,7 @@ def bomb(encoding: str) -> bytes:
 
 def test_without_a_key_not_even_a_small_body_is_read(server: StartServer) -> None:
     running = server(env={"TIDEMAP_VIEWER": "false"})
-    run_command("keys", "create", "--role", "admin", "--data", str(running.data))
+    command("keys", "create", "--role", "admin", "--data", str(running.data))
     before = peak_memory_mb(running.process.pid)
     for way in (declared, chunked):
         for path in ("/api/v1/locations", "/api/v1/locations/x/observations", "/api/v1/keys"):

@@ -8,12 +8,13 @@ from typing import Any
 
 import httpx
 
+from tests.support.here import command
 from tests.support.paths import ROOT
-from tests.support.server import ServerProcess, StartServer, clean_environment, run_command
+from tests.support.server import ServerProcess, StartServer, clean_environment
 
 
 def make_key(where: tuple[str, ...], role: str, *more: str) -> dict[str, Any]:
-    done = run_command("keys", "create", "--role", role, *where, "--json", *more)
+    done = command("keys", "create", "--role", role, *where, "--json", *more)
     assert done.returncode == 0, done.stderr
     return dict(json.loads(done.stdout))
 
@@ -40,15 +41,15 @@ def test_keys_are_made_listed_and_revoked_while_the_server_runs(server: StartSer
     assert get(running, "/api/v1/locations", robot["key"]) == 403
     assert get(running, "/healthz") == get(running, "/readyz") == 200
 
-    listed = json.loads(run_command("keys", "list", *where, "--json").stdout)
+    listed = json.loads(command("keys", "list", *where, "--json").stdout)
     assert [(key["name"], key["role"]) for key in listed] == [("the boss", "admin"), ("robot", "robot")]
-    plain = run_command("keys", "list", *where).stdout
+    plain = command("keys", "list", *where).stdout
     assert "the boss" in plain
     assert admin["key"] not in plain + json.dumps(listed)
 
-    assert run_command("keys", "revoke", str(robot["id"]), *where).returncode == 0
+    assert command("keys", "revoke", str(robot["id"]), *where).returncode == 0
     assert get(running, "/api/v1/locations", robot["key"]) == 401
-    again = run_command("keys", "revoke", str(robot["id"]), *where)
+    again = command("keys", "revoke", str(robot["id"]), *where)
     assert again.returncode == 1
     assert "no key" in again.stderr
 
@@ -96,8 +97,8 @@ class Serving:
 
     def __init__(self, *options: str) -> None:
         environment = clean_environment() | {"TIDEMAP_VIEWER": "false"}
-        command = [sys.executable, "-m", "app.cli", "serve", "--port", "0", *options]
-        self._process = subprocess.Popen(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True)
+        words = [sys.executable, "-m", "app.cli", "serve", "--port", "0", *options]
+        self._process = subprocess.Popen(words, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True)
 
     def __enter__(self) -> str:
         assert self._process.stdout is not None

@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 from websockets.exceptions import InvalidStatus
 
-from tests.support.server import ServerProcess, StartServer, run_command
+from tests.support.here import command
+from tests.support.server import ServerProcess, StartServer
 from tests.support.site import Site, heard, listen_for
 
 PROMPT_S = 1.0
@@ -216,7 +217,7 @@ def test_with_keys_a_listener_needs_one(server: StartServer) -> None:
     running = server(env={"TIDEMAP_VIEWER": "false"})
     secrets = {}
     for role in ("robot", "operator", "admin"):
-        made = run_command("keys", "create", "--role", role, "--data", str(running.data), "--json")
+        made = command("keys", "create", "--role", role, "--data", str(running.data), "--json")
         secrets[role] = json.loads(made.stdout)["key"]
     with Site(running) as site:
         for secret, status in {None: 401, "tm_wrong": 401, secrets["robot"]: 403}.items():

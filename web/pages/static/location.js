@@ -105,8 +105,21 @@ function mark() {
   }
 }
 
+const DAYS = ["Mon", "Tue", "Wed", "Thu", "Fri", "Sat", "Sun"];
+
+// Of a calendar model: its waves run in civil time, counted from a Monday 00:00.
+function civilPeakText(part) {
+  const peak = ((((-part.phase / (2 * Math.PI)) % 1) + 1) % 1) * part.period_s;
+  const minutes = Math.round(peak / 60) % (24 * 60);
+  const clock = `${String(Math.floor(minutes / 60)).padStart(2, "0")}:${String(minutes % 60).padStart(2, "0")}`;
+  if (Math.abs(part.period_s / DAY - 1) < 0.01) return `highest at ${clock}`;
+  if (Math.abs(part.period_s / (7 * DAY) - 1) < 0.01) return `highest on ${DAYS[Math.floor(peak / DAY) % 7]}, ${clock}`;
+  return "";
+}
+
 function peakText(part, model) {
-  if (part.period_s < 5400) return "";
+  if (part.period_s === null || part.period_s < 5400) return "";
+  if (model.time_zone) return civilPeakText(part);
   const start = Date.parse(model.start) / 1000;
   const end = Date.parse(model.stop) / 1000;
   const first = start - (part.phase / (2 * Math.PI)) * part.period_s;
@@ -121,9 +134,9 @@ function row(part, largest, model) {
   const line = document.createElement("tr");
   const name = document.createElement("th");
   name.scope = "row";
-  name.textContent = durationText(part.period_s);
+  name.textContent = part.period_s === null ? "constant" : durationText(part.period_s);
   const peak = document.createElement("small");
-  peak.textContent = [peakText(part, model), part.gate && part.gate !== "all" ? part.gate : ""].filter(Boolean).join(" · ");
+  peak.textContent = [peakText(part, model), part.gate ? `at the ${part.gate}` : ""].filter(Boolean).join(" · ");
   if (peak.textContent) name.append(peak);
   const bar = document.createElement("td");
   const meter = document.createElement("span");
@@ -153,7 +166,7 @@ function heading(model) {
 function table(model) {
   const made = document.createElement("table");
   made.className = "list";
-  made.innerHTML = `<thead><tr><th scope="col">Period</th><th scope="col">Amplitude</th><th></th></tr></thead>`;
+  made.innerHTML = `<thead><tr><th scope="col">Period</th><th scope="col">Amplitude${model.link === "logit" ? ", log-odds" : ""}</th><th></th></tr></thead>`;
   const body = made.createTBody();
   const parts = [...model.components].sort((a, b) => b.amplitude - a.amplitude);
   const largest = parts.length ? parts[0].amplitude || 1 : 1;
