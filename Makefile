@@ -20,7 +20,7 @@ ifneq ($(shell .venv/bin/python -c '' 2>/dev/null && cat .venv/folder 2>/dev/nul
 .PHONY: $(READY)
 endif
 
-.PHONY: help setup run test check lint bench clean browser
+.PHONY: help setup run test check lint bench paper clean browser
 
 help: ## Show this list
 	@echo "Tidemap: every cell of the map remembers its rhythm."
@@ -62,6 +62,9 @@ lint: setup
 
 bench: setup ## Measure every figure against its floor: one JSON line each
 	@.venv/bin/python -m tests.bench
+
+paper: setup ## Make every figure and table of docs/method.md again, from ../shared/data; some minutes
+	@.venv/bin/python -m docs.paper
 
 browser:
 	@sh tests/support/browser.sh

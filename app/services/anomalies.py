@@ -84,31 +84,35 @@ def _probabilities(model: Fitted, sample: NDArray[np.int64], cell: NDArray[np.in
 def group(place: LocationRecord, marks: Marks, criterion: Criterion) -> list[AnomalyRecord]:
     """Events: connected marks of one state, of at least `min_cells` cells; in order of their start."""
     label = label_regions(place.cells, marks.sample, marks.cell, marks.state)
-    order = np.argsort(label, kind="stable")
-    bounds = np.flatnonzero(np.diff(label[order], prepend=-1, append=len(label)) != 0)
-    events = [
-        _event(place, marks, order[begin:end], criterion)
-        for begin, end in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True)
+    order = np.lexsort((marks.cell, label))
+    label, cell, sample, state = label[order], marks.cell[order], marks.sample[order], marks.state[order]
+    probability = marks.probability[order].astype(np.float64)
+    begin = np.flatnonzero(np.diff(label, prepend=-1))
+    if not len(begin):
+        return []
+    columns = zip(
+        place.base.time(np.minimum.reduceat(sample, begin)).tolist(),
+        place.base.time(np.maximum.reduceat(sample, begin) + 1).tolist(),
+        _distinct(label, cell),
+        state[begin].tolist(),
+        (np.add.reduceat(probability, begin) / np.diff(begin, append=len(label))).tolist(),
+        np.maximum.reduceat(surprise(probability, state), begin).tolist(),
+        strict=True,
+    )
+    judged = (criterion.confidence, criterion.rule, criterion.revision)
+    large = [
+        AnomalyRecord(place.id, 0, start, stop, cells, observed, mean, peak, *judged)
+        for start, stop, cells, observed, mean, peak in columns
+        if len(cells) >= min(place.min_cells, place.n_cells)
     ]
-    large = [event for event in events if len(event.cells) >= min(place.min_cells, place.n_cells)]
     return sorted(large, key=lambda event: (event.start, int(event.cells[0])))
 
 
-def _event(place: LocationRecord, marks: Marks, rows: NDArray[np.intp], criterion: Criterion) -> AnomalyRecord:
-    state, probability = marks.state[rows], marks.probability[rows]
-    return AnomalyRecord(
-        location_id=place.id,
-        id=0,
-        start=float(place.base.time(marks.sample[rows].min())),
-        stop=float(place.base.time(marks.sample[rows].max() + 1)),
-        cells=np.unique(marks.cell[rows]),
-        observed=int(state[0]),
-        probability=float(probability.mean(dtype=np.float64)),
-        surprise=float(surprise(probability, state).max()),
-        confidence=criterion.confidence,
-        rule=criterion.rule,
-        revision=criterion.revision,
-    )
+def _distinct(label: NDArray[np.int64], cell: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """The distinct cells of every label, both sorted by label and cell."""
+    first = np.diff(label, prepend=-1) != 0
+    fresh = first | (np.diff(cell, prepend=-1) != 0)
+    return np.split(cell[fresh], np.flatnonzero(first[fresh])[1:])
 
 
 @dataclass(frozen=True, slots=True)

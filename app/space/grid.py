@@ -48,10 +48,9 @@ class Grid:
 
     def bounding_box(self, cell: ArrayLike) -> tuple[float, ...]:
         """[x0, y0, z0, x1, y1, z1] in metres around some cells."""
-        index = self.index(cell)
-        low, high = index.min(axis=0), index.max(axis=0) + 1
-        corners = np.concatenate([low, high]) * self.resolution_m + np.tile(self.origin, 2)
-        return tuple(float(value) for value in corners)
+        axes = np.unravel_index(np.asarray(cell, np.int64), self.shape3)
+        corners = [int(axis.min()) for axis in axes] + [int(axis.max()) + 1 for axis in axes]
+        return tuple(at * self.resolution_m + zero for at, zero in zip(corners, self.origin * 2, strict=True))
 
     def inside(self, box: tuple[float, ...], cell: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Which cells have their centre in the box [x0, y0, z0, x1, y1, z1] (metres, closed)."""

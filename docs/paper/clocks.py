@@ -28,5 +28,5 @@ def make(_images: Path) -> dict[str, str]:
             ("auto", automatic(past, signal.base, zone, ahead)),
         ):
             found = score(p, truth)
-            rows.append([name, zone, number(found.log_loss), number(found.brier), number(found.error)])
+            rows.append([name, zone, *(number(each, 4) for each in (found.log_loss, found.brier, found.error))])
     return {"clocks": table(HEADER, sorted(rows, key=lambda row: row[0], reverse=True))}

@@ -36,7 +36,9 @@ def filled(text: str, parts: dict[str, str]) -> str:
     def block(match: re.Match[str]) -> str:
         if match[1] not in parts:
             return match[0]
-        return match[0].replace(match[2], "", 1).replace("-->\n", f"-->\n{parts[match[1]].strip()}\n", 1)
+        return (
+            f"<!-- begin {match[1]}: `make paper` writes this -->\n{parts[match[1]].strip()}\n<!-- end {match[1]} -->"
+        )
 
     return _BLOCK.sub(block, text)
 

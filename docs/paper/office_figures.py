@@ -24,6 +24,7 @@ from tests.unit.spectral.real import MONDAY
 
 SHOWN_ORDER, FORECAST_ORDER, ANOMALY_ORDER = 3, 2, 15
 CONFIDENCE = 0.95
+NIGHT = (18, 6)
 THIN = 60
 """One probability a minute is drawn of every second's."""
 
@@ -140,7 +141,7 @@ def anomalies(office: Office, path: Path) -> str:
         mark(axes, runs(flagged & (week.state == 1)), runs(flagged & (week.state == 0)))
         axes.set(ylabel="probability", xlabel="local time, one week from Monday")
         style.week_axis(axes, DAY_S)
-        axes.legend(loc="lower left", bbox_to_anchor=(0, 1.0), ncols=4, columnspacing=1.2, handlelength=1.4)
+        style.legend_above(figure, axes)
     return _counts(p, week.state)
 
 
@@ -151,7 +152,7 @@ def mark(axes: Axes, occupied: Runs, free: Runs) -> None:
         (free, -0.1, style.ABSENT, "^", "free, unexpected"),
     ):
         middle = (where.start + where.stop) / 2
-        axes.plot(middle, np.full(len(where), level), marker, color=color, markersize=6, label=label, clip_on=False)
+        axes.plot(middle, np.full(len(where), level), marker, color=color, markersize=6, label=label)
     axes.set_ylim(-0.16, 1.16)
     axes.set_yticks([0, 0.5, 1])
 
@@ -161,7 +162,12 @@ def _counts(p: NDArray[np.float32], state: NDArray[np.uint8]) -> str:
     for rule, text in (("surprise", "surprise: abs(p − s) > c"), ("paper", "paper, Eq. 6 as printed: s ≠ (p > c)")):
         flagged = is_anomalous(p, state, CONFIDENCE, "surprise" if rule == "surprise" else "paper")
         hour = np.arange(state.size) % DAY_S / 3600
-        night = runs(flagged & (state == 1) & ((hour < 7) | (hour >= 19)))
+        night = runs(flagged & (state == 1) & ((hour < NIGHT[1]) | (hour >= NIGHT[0])))
         rows.append((text, str(len(runs(flagged))), f"{100 * flagged.mean():.1f}", str(len(night))))
-    header = ("rule, c = 0.95, order 15", "intervals", "share of the week (%)", "of them occupied, 19:00 to 07:00")
+    header = (
+        "rule, c = 0.95, order 15",
+        "intervals",
+        "share of the week (%)",
+        f"of them occupied, {NIGHT[0]}:00 to {NIGHT[1]:02d}:00",
+    )
     return table(header, rows)

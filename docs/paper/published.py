@@ -82,4 +82,4 @@ def _earlier(figures: dict[str, tuple[float, float, float]]) -> Iterator[list[st
 
 def _short(value: float) -> str:
     """Without decimals that were not recorded."""
-    return number(value, 4).removesuffix("0") if value else number(value)
+    return number(value, 4).removesuffix("0")

@@ -24,14 +24,20 @@ def calibration(rooms: list[Room], fft: str, path: Path) -> str:
     with style.drawing(path, 4.6) as figure:
         axes, counts = figure.subplots(2, 1, height_ratios=[3.2, 1], sharex=True)
         axes.plot([0, 1], [0, 1], color=style.OBSERVED, linewidth=1, linestyle="--", label="perfect")
-        for name, label, color, marker in ((AUTO, "auto", style.PREDICTED, "o"), (fft, fft, style.OUTLIER, "^")):
+        for name, label, color, marker in (
+            (AUTO, "auto", style.PREDICTED, "o"),
+            (fft, fft.replace(" ", " of order "), style.OUTLIER, "^"),
+        ):
             _reliability(axes, found[name], label, color, marker)
         axes.set(ylabel="observed share occupied", xlim=(0, 1), ylim=(0, 1.02))
         axes.legend(loc="upper left")
         for offset, name, color in ((-0.02, AUTO, style.PREDICTED), (0.02, fft, style.OUTLIER)):
             counts.bar(np.arange(0.05, 1, 0.1) + offset, found[name].count, 0.036, color=color)
         counts.set(
-            yscale="log", ylabel="minutes", xlabel="predicted probability of being occupied, nine rooms, weeks 9 to 16"
+            yscale="log",
+            ylim=(1e3, 1e6),
+            ylabel="minutes",
+            xlabel="predicted probability of being occupied, nine rooms, weeks 9 to 16",
         )
         counts.set_xticks(np.arange(0, 1.01, 0.1))
     return _table(found[AUTO])
@@ -60,8 +66,8 @@ def anomalies(rooms: list[Room], path: Path) -> str:
         every = figure.subplots(len(SHOWN), 1, sharex=True)
         for axes, cell in zip(every, SHOWN, strict=True):
             counts.append(_week(axes, rooms[cell], cell))
-        every[0].legend(loc="lower left", bbox_to_anchor=(0, 1.12), ncols=4, columnspacing=1.2, handlelength=1.4)
-        every[-1].set_xlabel("local time, the ninth week (day 1 of the recording's weeks)")
+        style.legend_above(figure, every[0])
+        every[-1].set_xlabel("local time, ninth week of the recording")
     return table(
         ("room", "occupied, unexpected (intervals)", "free, unexpected (intervals)", "share of the week (%)"), counts
     )
@@ -77,5 +83,5 @@ def _week(axes: Axes, room: Room, cell: int) -> list[str]:
     axes.fill_between([], [], color=style.FAINT, label="s(t): occupied")
     mark(axes, occupied, free)
     axes.set(title=f"room {cell + 1}", ylabel="probability")
-    style.week_axis(axes, 1440)
+    style.week_axis(axes, 1440, [f"day {day}" for day in range(57, 64)])
     return [str(cell + 1), str(len(occupied)), str(len(free)), f"{100 * flagged.mean():.1f}"]

@@ -1,8 +1,10 @@
 """Nine rooms of a smart home: eight weeks to learn from, then weekly refits and the next week predicted."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.spectral.evaluation import Scores, expected_calibration_error, reliability, score
 from docs.paper import recordings, room_figures
@@ -22,9 +24,10 @@ def make(images: Path) -> dict[str, str]:
     gap = room_figures.calibration(rooms, best["fft"], images / "reliability.png")
     week = room_figures.anomalies(rooms, images / "figure-7.png")
     return {
-        "rooms_log_loss": _table(rooms, best, "log_loss", 4),
-        "rooms_brier": _table(rooms, best, "brier", 4),
-        "rooms_rivals": _rivals(rooms, best),
+        "rooms_log_loss": _table(rooms, best, lambda room, name: _scores(room, name).log_loss),
+        "rooms_brier": _table(rooms, best, lambda room, name: _scores(room, name).brier),
+        "rooms_calibration": _table(rooms, best, _gap),
+        "rooms_rivals": _rivals(best),
         "calibration": gap,
         "room_anomalies": week,
     }
@@ -43,31 +46,32 @@ def _scores(room: Room, name: str) -> Scores:
     return score(room.expected[name], room.truth)
 
 
-def _table(rooms: list[Room], best: dict[str, str], measure: str, decimals: int) -> str:
+def _gap(room: Room, name: str) -> float:
+    return expected_calibration_error(reliability(room.expected[name], room.truth))
+
+
+def _table(rooms: list[Room], best: dict[str, str], measure: Callable[[Room, str], float]) -> str:
     """Per room the score of `auto` and of every family's best, and their ratio."""
-    found = np.array([[getattr(_scores(room, best[family]), measure) for family in FAMILIES] for room in rooms])
+    found = np.array([[measure(room, best[family]) for family in FAMILIES] for room in rooms])
     names = [f"{cell + 1}" for cell in range(len(rooms))]
-    rows = [_line(name, line, decimals) for name, line in zip(names, found, strict=True)]
-    rows.append(_line("mean", found.mean(axis=0), decimals))
+    rows = [_line(name, line) for name, line in zip(names, found, strict=True)]
+    rows.append(_line("mean", found.mean(axis=0)))
     return table(("room", *HEADINGS, "auto / best other"), rows)
 
 
-def _line(name: str, values: np.ndarray, decimals: int) -> list[str]:
-    cells = [number(float(value), decimals) for value in values]
+def _line(name: str, values: NDArray[np.float64]) -> list[str]:
+    cells = [number(float(value), 4) for value in values]
     least = int(np.argmin(values))
     cells[least] = f"**{cells[least]}**"
     return [name, *cells, f"{values[0] / values[1:].min():.3f}"]
 
 
-def _rivals(rooms: list[Room], best: dict[str, str]) -> str:
-    gaps = [expected_calibration_error(reliability(room.expected[AUTO], room.truth)) for room in rooms]
-    kinds = "; ".join(
-        f"by {name.split()[0]}, bins of {float(name.split()[1]) / 60:g} minutes, shrunk by {name.split()[2]} visits"
+def _rivals(best: dict[str, str]) -> str:
+    kinds = ", ".join(
+        f"by {name.split()[0]} in bins of {float(name.split()[1]) / 60:g} minutes, shrinkage {name.split()[2]}"
         for name in (best[family] for family in FAMILIES[2:])
     )
     return (
-        f"The rivals' settings with the least mean log loss on the very weeks predicted: `fft` of order "
-        f"{best['fft'].split()[1]}; histograms {kinds}. "
-        f"Expected calibration error of `auto`, room by room: {', '.join(number(gap) for gap in gaps)}; "
-        f"mean {number(float(np.mean(gaps)))}."
+        f"The rivals' settings with the least mean log loss over the rooms: `fft` of order {best['fft'].split()[1]}; "
+        f"histograms {kinds}."
     )

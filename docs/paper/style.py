@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from PIL import Image
 
 # Okabe and Ito's palette.
 OBSERVED = "#9a9a9a"
@@ -20,6 +22,7 @@ ABSENT = "#a8437f"
 INK, FAINT = "#333333", "#d9d9d9"
 WIDTH_IN = 9.0
 DPI = 160
+COLORS = 64
 DAYS = ("Mon", "Tue", "Wed", "Thu", "Fri", "Sat", "Sun")
 
 _SETTINGS: dict[Any, Any] = {
@@ -42,19 +45,22 @@ _SETTINGS: dict[Any, Any] = {
 
 @contextmanager
 def drawing(path: Path, height_in: float) -> Iterator[Figure]:
-    """A figure of the usual width that is written as PNG, the same bytes for the same drawing."""
+    """A figure of the usual width that is written as PNG of few colours, the same bytes for the same drawing."""
     with mpl.rc_context(_SETTINGS):
-        figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
-        FigureCanvasAgg(figure)
+        figure = Figure(figsize=(WIDTH_IN, height_in), dpi=DPI, layout="constrained")
+        canvas = FigureCanvasAgg(figure)
         yield figure
-        figure.savefig(path, dpi=DPI, metadata={"Software": None})
+        canvas.draw()
+        picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+        picture.quantize(COLORS, dither=Image.Dither.NONE).save(path, optimize=True)
 
 
-def week_axis(axes: Axes, day_length: float, days: int = 7) -> None:
-    """A week of local time from a Monday midnight: the names of its days, ticks at every sixth hour."""
+def week_axis(axes: Axes, day_length: float, names: Sequence[str] = DAYS) -> None:
+    """Days of local time from a midnight, by their names."""
+    days = len(names)
     axes.set_xlim(0, days * day_length)
     axes.set_xticks([day * day_length for day in range(days + 1)], [""] * (days + 1))
-    axes.set_xticks([(day + 0.5) * day_length for day in range(days)], DAYS[:days], minor=True)
+    axes.set_xticks([(day + 0.5) * day_length for day in range(days)], names, minor=True)
     axes.tick_params(axis="x", which="minor", length=0)
     for day in range(1, days):
         axes.axvline(day * day_length, color=FAINT, linewidth=0.8, zorder=0)
@@ -65,6 +71,12 @@ def day_axis(axes: Axes, hour_length: float, start: float = 0.0) -> None:
     axes.set_xlim(start, start + 24 * hour_length)
     hours = range(0, 25, 3)
     axes.set_xticks([start + hour * hour_length for hour in hours], [f"{hour:02d}:00" for hour in hours])
+
+
+def legend_above(figure: Figure, axes: Axes) -> None:
+    """One row above everything, of what is drawn in `axes`."""
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=4, columnspacing=1.2, handlelength=1.4)
 
 
 def binary_axis(axes: Axes, labels: Sequence[str] = ("free", "occupied")) -> None:

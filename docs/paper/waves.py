@@ -19,6 +19,14 @@ def make(_images: Path) -> dict[str, str]:
     for kind, name in enumerate(KINDS):
         cycles = waves.CYCLES_A_WEEK[kind == waves.KIND]
         rows.append([name, str(cycles.size), _cycles(cycles), *(_sigma(kind, week) for week in waves.DIFFERENCE)])
+    rows.append(
+        [
+            "of a period, where one is found",
+            str(waves.OVERTONES),
+            _overtones(),
+            *[f"{waves.SCALE:g}"] * len(waves.DIFFERENCE),
+        ]
+    )
     return {"waves": table(HEADER, rows)}
 
 
@@ -30,6 +38,10 @@ def _cycles(cycles: np.ndarray) -> str:
         + f", … {every[-1]:g}"
         + (" (not 7, 14, …)" if steps.size > 1 else "")
     )
+
+
+def _overtones() -> str:
+    return ", ".join(str(each) for each in range(1, waves.OVERTONES + 1)) + " a period"
 
 
 def _sigma(kind: int, week: Week) -> str:

@@ -53,7 +53,6 @@ def test_three_weeks_are_there(seeded: Seeded) -> None:
         assert location.revision > 0
         assert location.accuracy is not None
     assert locations[BUILDING].min_cells == MIN_CELLS
-    assert seeded.took_s < 120
 
 
 @pytest.mark.slow

@@ -7,11 +7,14 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
-from contextlib import closing
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from itertools import count
 from pathlib import Path
 from typing import Any
 
+import httpx
 import numpy as np
 import pytest
 
@@ -130,6 +133,43 @@ def test_a_server_killed_again_and_again_costs_nothing(running: ServerProcess, p
     assert done.is_set()
     assert stored(running) == (500, {second: second % 2 for second in range(500)})
     assert list(log_of(running).values()) == [list(range(500))]
+
+
+@contextmanager
+def deaf(process: ServerProcess, answers: int) -> Iterator[str]:
+    """The URL of a network between robot and server that carries every post, but only so many answers in ten."""
+    carried = count()
+
+    class Network(BaseHTTPRequestHandler):
+        def do_POST(self) -> None:
+            content = self.rfile.read(int(self.headers["Content-Length"]))
+            answer = httpx.post(process.url + self.path, content=content, headers=dict(self.headers), timeout=60)
+            if next(carried) % 10 < answers:
+                self.send_response(answer.status_code)
+                self.end_headers()
+                self.wfile.write(answer.content)
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    network = ThreadingHTTPServer(("127.0.0.1", 0), Network)
+    thread = threading.Thread(target=network.serve_forever, kwargs={"poll_interval": 0.01})
+    thread.start()
+    try:
+        yield f"http://127.0.0.1:{network.server_port}"
+    finally:
+        network.shutdown()
+        network.server_close()
+        thread.join()
+
+
+def test_answers_that_get_lost_store_nothing_twice(shared_server: ServerProcess, name: str, path: Path) -> None:
+    with deaf(shared_server, 6) as url, robot(url, path) as spot:
+        for second in range(20):
+            spot.location(name).observe([second], [second % 2])
+        assert spot.outbox.flush(60)
+        assert spot.outbox.refused() == []
+    assert stored(shared_server, name) == (20, {second: second % 2 for second in range(20)})
 
 
 class Life:

@@ -160,4 +160,4 @@ class HistoryMachine(RuleBasedStateMachine):
 def test_log_and_segments_are_the_history_at_every_moment(databases: Databases) -> None:
     with databases.migrated() as url:
         machine = type("Machine", (HistoryMachine,), {"url": url})
-        run_state_machine_as_test(machine, settings=settings(max_examples=10, stateful_step_count=12))
+        run_state_machine_as_test(machine, settings=settings(max_examples=7, stateful_step_count=12))

@@ -20,6 +20,13 @@ ROBOTS = 4
 PER_POST = 5
 POSTS = 100_000
 """Posts that a robot has to send: more than it will."""
+RESTLESS = {
+    "TIDEMAP_VIEWER": "false",
+    "TIDEMAP_UPDATER_INTERVAL_S": "0.05",
+    "TIDEMAP_UPDATE_REST_S": "0",
+    "TIDEMAP_UPDATE_GROWTH": "0.01",
+}
+"""A server that refits and compacts all the time, so that its end comes in the midst of that too."""
 
 
 @dataclass
@@ -119,7 +126,7 @@ def make_door(http: httpx.Client) -> None:
 
 
 def test_a_killed_server_has_lost_nothing_it_acknowledged(server: StartServer, database_url: str) -> None:
-    running = server(database_url=database_url, env={"TIDEMAP_VIEWER": "false"})
+    running = server(database_url=database_url, env=RESTLESS)
     with connect(running) as http:
         make_door(http)
         with robots_at_work(http) as robots:
@@ -142,7 +149,7 @@ def test_a_killed_server_has_lost_nothing_it_acknowledged(server: StartServer, d
 
 
 def test_a_server_told_to_stop_finishes_what_it_took(server: StartServer) -> None:
-    running = server(env={"TIDEMAP_VIEWER": "false"})
+    running = server(env=RESTLESS)
     with connect(running) as http:
         make_door(http)
         with robots_at_work(http) as robots:

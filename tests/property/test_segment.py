@@ -24,7 +24,7 @@ ROWS = st.builds(
     st.integers(0, 1),
 )
 BATCHES = st.lists(st.lists(ROWS, max_size=12), max_size=6)
-quick = settings(max_examples=80)
+quick = settings(max_examples=60)
 
 
 def merged(batches: list[list[Row]], segment: Segment | None = None) -> Segment:

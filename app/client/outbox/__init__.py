@@ -10,7 +10,9 @@ nothing; see `refused`, `retry` and `discard`. With everything else (no connecti
 a key that is not valid or not for that location) it waits and tries again for ever.
 
 An outbox belongs to one server and one key. Several clients and processes may use one file at the same time: one of
-them sends, and another takes over when it ends. A process that forks opens its client afterwards.
+them sends, and another takes over when it ends. A process that forks opens its client afterwards. The file lies on a
+local disk, with two or three more beside it that have its name and `-wal`, `-shm` or `-sender` behind it; up to 10 MB
+of the disk stay free for work on it.
 """
 
 from app.client.outbox.asynchronous import AsyncOutbox

@@ -23,7 +23,7 @@ WORDS = {
     sqlite3.SQLITE_CANTOPEN: "it cannot be opened; see that its folder exists and may be written to",
     sqlite3.SQLITE_READONLY: "it may not be written to",
     sqlite3.SQLITE_BUSY: "another process keeps it locked",
-    sqlite3.SQLITE_IOERR: "the disk does not read or write",
+    sqlite3.SQLITE_IOERR: "the disk does not read or write, or is full",
 }
 """By SQLite's primary result code."""
 
@@ -110,6 +110,7 @@ def _prepare(path: Path, db: sqlite3.Connection) -> None:
 
 def _make(db: sqlite3.Connection) -> None:
     try:
+        db.execute("PRAGMA page_size = 4096")
         db.execute("PRAGMA journal_mode = WAL")
         mark = f"PRAGMA application_id = {APPLICATION}; PRAGMA user_version = {VERSION}"
         db.executescript(f"BEGIN EXCLUSIVE; {SCHEMA} {mark}; COMMIT")

@@ -64,9 +64,10 @@ class Sender:
                 self._work()
             except Exception as error:
                 # Whatever it was: a thread that ended would keep the rest from the server without a word.
-                expected = isinstance(error, OutboxError)
-                log.error("the outbox could not go on sending: %s", error, exc_info=None if expected else error)
-                self._stopped.wait(LOOK_S)
+                unexpected = None if isinstance(error, OutboxError) else error
+                self._say("the outbox could not go on sending", error, unexpected)
+                self._rests.failed(ALL, None)
+                self._stopped.wait(self._rests.left_s())
 
     def _work(self) -> None:
         server = self._server
@@ -75,6 +76,7 @@ class Sender:
             closing(Store(self._path, durable=False)) as store,
             httpx.Client(base_url=server.base, headers=server.headers, timeout=self._timeout) as http,
         ):
+            store.tidy()
             while not self._stopped.is_set():
                 self._woken.wait(self._step(turn, store, http))
                 self._woken.clear()
@@ -115,12 +117,12 @@ class Sender:
             store.refuse(kept.id, error.status, words(error))
             self._rests.answered(path)
         else:
-            self._say(path, words(error))
+            self._say(f"the outbox waits at {path}", words(error))
             self._rests.failed(ALL if verdict.fate is Fate.ALL_WAIT else path, error.retry_after_s)
             store.failed(kept.id, words(error))
 
-    def _say(self, path: str, said: str) -> None:
-        """Log why the outbox waits, but not the same again and again."""
-        if said != self._last_words:
-            log.warning("the outbox waits at %s: %s", path, said)
+    def _say(self, what: str, why: object, traceback: Exception | None = None) -> None:
+        """Log why nothing is sent, but not the same again and again."""
+        if (said := f"{what}: {why}") != self._last_words:
+            log.warning("%s", said, exc_info=traceback)
         self._last_words = said

@@ -1,6 +1,7 @@
 """The file of an outbox: an SQLite database with a row for each batch that is not at the server yet."""
 
 import json
+import shutil
 import sqlite3
 import threading
 import time
@@ -14,8 +15,11 @@ from app.client.errors import OutboxError, OutboxFullError
 from app.client.outbox.file import connect, explained
 from app.client.posting import Batch, Queued
 
-JOURNAL_BYTES = 16 << 20
+JOURNAL_BYTES = 4 << 20
 """The write-ahead log beside the file is cut to this after a larger transaction."""
+SPARE_BYTES = 1 << 19
+"""What is left free on the disk so that batches can be taken out of the file."""
+PAGE_BYTES = 4096
 SHRINK_PAGES = 2_500
 """Free pages (10 MB) from which on an empty file is made small again."""
 
@@ -79,10 +83,18 @@ class Store:
 
     def put(self, batches: Iterable[Batch], most_bytes: int) -> Queued:
         """Keep all of the batches. Raises OutboxFullError if the file would hold more than `most_bytes` of them."""
-        count = measurements = 0
+        count = measurements = size = 0
         with self._transaction() as db:
+            held, refused = (row[0] for row in db.execute("SELECT bytes FROM held ORDER BY refused"))
             for batch in batches:
-                self._insert(db, batch, most_bytes)
+                size += len(batch.content)
+                if held + refused + size > most_bytes:
+                    raise OutboxFullError(
+                        f"{self._path}: the outbox is full; it may hold {most_bytes} bytes and holds {held + refused}, "
+                        f"{refused} of them refused by the server"
+                    )
+                self._see_to_the_disk(db, size)
+                _insert(db, batch)
                 count += 1
                 measurements += batch.measurements
         return Queued(count, measurements)
@@ -137,41 +149,36 @@ class Store:
             count, size = db.execute("SELECT batches, bytes FROM held WHERE refused = 0").fetchone()
             return Pending(count, size, *(db.execute(oldest).fetchone() or ()))
 
+    def tidy(self) -> None:
+        """Bring what the log holds into the file, so that the log begins anew: on a full disk this makes room."""
+        with self._reading() as db:
+            db.execute("PRAGMA wal_checkpoint").fetchone()
+
     def shrink(self) -> None:
         """Give the disk back what an outbox that was full does not need any more."""
         with self._reading() as db:
             free = db.execute("PRAGMA freelist_count").fetchone()[0]
             if free >= SHRINK_PAGES and db.execute("SELECT sum(batches) FROM held").fetchone() == (0,):
                 db.execute("VACUUM")
+                db.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
 
     def close(self) -> None:
         """Close the file."""
         with self._lock:
             self._db.close()
 
-    def _insert(self, db: sqlite3.Connection, batch: Batch, most_bytes: int) -> None:
-        (held,) = db.execute("SELECT sum(bytes) FROM held").fetchone()
-        if held + len(batch.content) > most_bytes:
-            (refused,) = db.execute("SELECT bytes FROM held WHERE refused = 1").fetchone()
-            raise OutboxFullError(
-                f"{self._path}: the outbox is full; it may hold {most_bytes} bytes and holds {held}, "
-                f"{refused} of them refused by the server"
-            )
-        db.execute(
-            """INSERT INTO batch (path, query, content_type, key, measurements, bytes, created_at, checksum, content)
-            VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)""",
-            [
-                batch.path,
-                json.dumps(dict(batch.query)),
-                batch.content_type,
-                batch.key,
-                batch.measurements,
-                len(batch.content),
-                time.time(),
-                zlib.crc32(batch.content),
-                batch.content,
-            ],
-        )
+    def _see_to_the_disk(self, db: sqlite3.Connection, size: int) -> None:
+        """Raise OutboxError unless `size` bytes may be written and the disk still be emptied of them.
+
+        To take a batch out SQLite needs room in the log, which it gets by bringing all that the log holds into the
+        file. On a disk filled to the last byte it could do neither, and the outbox could never be emptied.
+        """
+        log = Path(f"{self._path}-wal")
+        to_come = size + (log.stat().st_size if log.exists() else 0)
+        room = PAGE_BYTES * int(db.execute("PRAGMA freelist_count").fetchone()[0])
+        needed = size + max(0, to_come - room) + SPARE_BYTES
+        if shutil.disk_usage(self._path.parent).free < needed:
+            raise OutboxError(f"{self._path}: the disk is full; {needed} bytes must be free, for work on the file too")
 
     def _decide(self, number: int, sql: str) -> None:
         with self._transaction() as db:
@@ -195,3 +202,22 @@ class Store:
                 # Some errors, such as a full disk, have SQLite roll back by itself.
                 if db.in_transaction:
                     db.execute("ROLLBACK")
+
+
+def _insert(db: sqlite3.Connection, batch: Batch) -> None:
+    row = {
+        "path": batch.path,
+        "query": json.dumps(dict(batch.query)),
+        "content_type": batch.content_type,
+        "key": batch.key,
+        "measurements": batch.measurements,
+        "bytes": len(batch.content),
+        "created_at": time.time(),
+        "checksum": zlib.crc32(batch.content),
+        "content": batch.content,
+    }
+    db.execute(
+        """INSERT INTO batch (path, query, content_type, key, measurements, bytes, created_at, checksum, content)
+        VALUES (:path, :query, :content_type, :key, :measurements, :bytes, :created_at, :checksum, :content)""",
+        row,
+    )

@@ -31,8 +31,8 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "outbox.db"
 
 
-def client(script: Script, path: Path, **how: Any) -> Client[Queued]:
-    return Client(script.url, **{"patience": QUICK, "outbox": path} | how)
+def client(script: Script, path: Path, patience: Patience = QUICK, **how: Any) -> Client[Queued]:
+    return Client(script.url, patience=patience, outbox=path, **how)
 
 
 def keys(received: list[Received]) -> list[str]:
@@ -168,7 +168,7 @@ def test_closing_does_not_wait_for_a_server_that_hangs(path: Path, monkeypatch: 
 
     class Hanging(Said):
         @property
-        def status(self) -> int:  # type: ignore[override]
+        def status(self) -> int:
             asked.set()
             hangs.wait(20)
             return 201
@@ -278,7 +278,8 @@ def test_a_file_that_fails_is_said_and_sending_goes_on_later(
         assert robot.outbox.flush(20)
     assert len(script.received) == 3
     assert len(set(keys(script.received))) == 1
-    assert ["the disk is full" in r.getMessage() for r in caplog.records if r.levelname == "ERROR"] == [True, False]
+    assert ["the disk is full" in record.getMessage() for record in caplog.records] == [True, False]
+    assert [record.exc_info is None for record in caplog.records] == [True, False]
 
 
 def test_a_client_without_outbox_says_so() -> None:

@@ -6,9 +6,10 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import settings
@@ -252,6 +253,27 @@ def test_a_full_disk_is_said_and_nothing_half_kept(store: Store) -> None:
     store._db.execute(f"PRAGMA max_page_count = {pages + 1000}")
     store.put([batch(content=bytes(8000)) for _ in range(20)], 1 << 20)
     assert store.pending().batches == 21
+
+
+def test_a_disk_is_not_filled_so_far_that_nothing_can_be_taken_out(
+    store: Store, path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Half of what the disk has is for the log to be brought into the file."""
+    disk = 8 << 20
+
+    def usage(folder: Path) -> SimpleNamespace:
+        return SimpleNamespace(free=disk - sum(file.stat().st_size for file in folder.iterdir()))
+
+    monkeypatch.setattr("app.client.outbox.store.shutil.disk_usage", usage)
+    fill = [batch(content=bytes(200_000))]
+    with suppress(OutboxError):
+        for _ in range(100):
+            store.put(fill, 1 << 30)
+    with pytest.raises(OutboxError, match="bytes must be free"):
+        store.put(fill, 1 << 30)
+    assert store.pending().batches >= 10
+    log = Path(f"{path}-wal").stat().st_size
+    assert usage(path.parent).free >= log
 
 
 def test_a_disk_that_takes_no_more_in_the_midst_of_a_put(path: Path) -> None:
