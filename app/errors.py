@@ -151,7 +151,7 @@ class BodyTooLargeError(TidemapError):
     def __init__(self, limit: int) -> None:
         super().__init__(
             f"The body is larger than {limit} bytes (counted unpacked). Split it into several posts, "
-            "or raise TIDEMAP_MAX_BODY_BYTES on the server."
+            "or raise TIDEMAP_MAX_BODY_BYTES (for JSON: TIDEMAP_MAX_JSON_BYTES) on the server."
         )
 
 

@@ -22,6 +22,9 @@ def is_loopback(host: str) -> bool:
         return False
 
 
+JSON = "application/json"
+
+
 class Settings(BaseSettings):
     """Settings with their defaults; a bad value refuses to start and says which."""
 
@@ -38,6 +41,11 @@ class Settings(BaseSettings):
 
     # Limits
     max_body_bytes: int = Field(128 * 2**20, gt=0, description="Largest body of a request, unpacked.")
+    max_json_bytes: int = Field(
+        32 * 2**20,
+        gt=0,
+        description="Largest JSON body, unpacked; read, it takes up to 40 times its size.",
+    )
     max_cells: int = Field(16_000_000, gt=0, description="Largest number of cells of one location.")
     max_points: int = Field(1_000_000, gt=0, description="Largest number of values in a predict or series answer.")
     max_samples: int = Field(
@@ -81,6 +89,10 @@ class Settings(BaseSettings):
     def keyless(self) -> bool:
         """Whether no key is needed while none exists: on loopback, or behind somebody else's gateway."""
         return self.open or is_loopback(self.host)
+
+    def body_limit(self, media_type: str) -> int:
+        """Largest body of a media type in bytes."""
+        return min(self.max_body_bytes, self.max_json_bytes) if media_type == JSON else self.max_body_bytes
 
     @property
     def url(self) -> str:

@@ -14,6 +14,7 @@ from starlette.types import Message, Receive
 
 from app.api.auth import of_connection
 from app.errors import BodyTooLargeError, UnreadableBodyError, UnsupportedMediaTypeError
+from app.settings import JSON
 
 LINGER_S = 10.0
 UNPACK_STEP = 1 << 10
@@ -127,7 +128,7 @@ class FormRoute(APIRoute):
 
         async def handle_read(request: Request) -> Response:
             await run_in_threadpool(of_connection, request)
-            content = await read_body(request, request.app.state.ctx.settings.max_body_bytes)
+            content = await read_body(request, request.app.state.ctx.settings.body_limit(JSON))
             if content:
                 _check_json(request)
             return await handle(Request(request.scope, _receiver(content)))

@@ -23,9 +23,8 @@ def context(request: Request) -> Context:
 async def body(request: Request) -> Body:
     """The unpacked body of a request, within the limit."""
     ctx: Context = request.app.state.ctx
-    content = await read_body(request, ctx.settings.max_body_bytes)
     media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
-    return Body(content, media_type)
+    return Body(await read_body(request, ctx.settings.body_limit(media_type)), media_type)
 
 
 def query_time(name: str, value: str | None) -> float | None:

@@ -19,7 +19,7 @@ from app.spectral.recipe import Recipe
 from app.spectral.spectrum import Spectrum, truncate
 from app.storage.records import LocationRecord, RevisionRecord
 
-MAX_VALUES = 50_000_000
+MAX_VALUES = 20_000_000
 """Predictions that one evaluation makes; of larger locations evenly spread cells are scored."""
 DEFAULT_ESTIMATORS = ("fft", "calendar", "static")
 

@@ -5,8 +5,8 @@ from functools import partial
 
 from app.errors import CorruptChunkError, NoModelError
 from app.services.context import Context
-from app.services.history import read_history
-from app.spectral.estimators import fit_recipe
+from app.services.history import read_history, window
+from app.spectral.model import fit_part
 from app.spectral.recipe import ORDER, Recipe
 from app.spectral.spectrum import Spectrum, concatenate, truncate
 from app.storage.records import LocationRecord, RevisionRecord
@@ -76,9 +76,10 @@ def _load(ctx: Context, place: LocationRecord, stored: RevisionRecord, wanted: R
         return _stored(ctx, place, stored)
     if wanted.estimator == stored.estimator == "fft" and wanted.order < stored.order:
         return truncate(_stored(ctx, place, stored), wanted.order)
+    known, part = window(ctx, place), (stored.start, stored.stop)
     return concatenate(
         [
-            fit_recipe(read_history(ctx, place.name, chunk, stored.start, stored.stop), wanted.recipe, place.base)
+            fit_part(read_history(ctx, place.name, chunk, *known), wanted.recipe, place.base, part)
             for chunk in range(place.n_chunks)
         ]
     )

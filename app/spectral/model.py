@@ -129,10 +129,28 @@ def update(
 def refit(history: History, recipe: Recipe, base: TimeBase, fit_window: tuple[int, int] | None = None) -> Model:
     """The paper's model update: the spectrum from `fit_window`, by default all of the history, and the
     outliers of the whole history. ValueError on an unknown estimator."""
-    fitted = history if fit_window is None else history.window(*fit_window)
-    spectrum = fit_recipe(fitted, recipe, base)
+    spectrum = fit_part(history, recipe, base, fit_window)
     outliers = find_outliers(spectrum, history, base)
     return Model(spectrum, outliers, base, history.start, history.stop, history.observed)
+
+
+def fit_part(history: History, recipe: Recipe, base: TimeBase, part: tuple[int, int] | None = None) -> Spectrum:
+    """The spectrum of the samples `part` = [start, stop) of a history, by default of all.
+
+    A cell that was observed only outside of them keeps the mean of its whole history, half a visit of each state
+    added on the logit scale: what is mapped once does not vanish. ValueError on an unknown estimator.
+    """
+    spectrum = fit_recipe(history if part is None else history.window(*part), recipe, base)
+    unseen = np.isnan(spectrum.mean) & history.ever_observed()
+    if not unseen.any():
+        return spectrum
+    occupied, observed = history.count_occupied()[unseen], history.count_observed()[unseen]
+    mean = spectrum.mean.copy()
+    if spectrum.link == "logit":
+        mean[unseen] = np.log((occupied + 0.5) / (observed - occupied + 0.5))
+    else:
+        mean[unseen] = occupied / observed
+    return replace(spectrum, mean=mean)
 
 
 def accuracy(model: Model) -> float:

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.spectral.history import History
-from app.spectral.model import Model, accuracy, add, reconstruct, update
+from app.spectral.history import UNOBSERVED, History
+from app.spectral.model import Model, accuracy, add, fit_part, predict, reconstruct, update
 from app.spectral.outliers import Outliers, count, find_outliers
+from app.spectral.recipe import Recipe
 from app.spectral.timebase import TimeBase
 
 BASE = TimeBase(0.0, 60.0)
@@ -84,3 +85,15 @@ def test_a_model_over_read_only_planes() -> None:
     history.observed.flags.writeable = history.occupied.flags.writeable = False
     model = update(history, "fft", 1, BASE)
     np.testing.assert_array_equal(reconstruct(replace(model)), history.states())
+
+
+@pytest.mark.parametrize("estimator", ["static", "fft", "calendar"])
+def test_cells_seen_before_the_window_keep_their_mean(estimator: str) -> None:
+    states = np.full((3, 200), UNOBSERVED, np.uint8)
+    states[0, :4] = (1, 1, 1, 0)
+    states[1, 100:] = np.tile((0, 1), 50)
+    history = History.from_states(states)
+    spectrum = fit_part(history, Recipe(estimator, 2), TimeBase(0.0, 900.0), (100, 200))
+    found = predict(spectrum, 0.0)
+    assert found[0] == pytest.approx(0.75, abs=0.06)
+    assert np.isnan(found[2])
