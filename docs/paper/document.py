@@ -36,9 +36,8 @@ def filled(text: str, parts: dict[str, str]) -> str:
     def block(match: re.Match[str]) -> str:
         if match[1] not in parts:
             return match[0]
-        return (
-            f"<!-- begin {match[1]}: `make paper` writes this -->\n{parts[match[1]].strip()}\n<!-- end {match[1]} -->"
-        )
+        first, *_, last = match[0].splitlines()
+        return f"{first}\n{parts[match[1]].strip()}\n{last}"
 
     return _BLOCK.sub(block, text)
 

@@ -55,21 +55,22 @@ def make(_images: Path) -> dict[str, str]:
 
 
 def _forecasts(past: History) -> Iterator[tuple[str, str, Probability]]:
-    """Model, where its parameters were chosen, and what it expects; several of one name are alternatives."""
+    """Model, where its parameters were chosen, and what it expects."""
     yield "static", NO_PARAMETERS, with_recipe(past, BASE, Recipe("static", 0), AHEAD)[0]
     for name, p in histograms(past, BASE, "UTC", AHEAD):
         yield f"histogram by {name.split()[0]}", TEST_DAYS, p
     for order in ORDERS:
-        yield "fft at its best order", TEST_DAYS, with_recipe(past, BASE, Recipe("fft", order), AHEAD)[0]
+        yield f"fft at its best order, {order}", TEST_DAYS, with_recipe(past, BASE, Recipe("fft", order), AHEAD)[0]
     yield "fft", TRAINING_WEEK, automatic(past, BASE, "UTC", AHEAD, "fft")[0]
     yield "calendar, usual priors", NO_PARAMETERS, with_recipe(past, BASE, Recipe("calendar"), AHEAD)[0]
     yield "auto", TRAINING_WEEK, automatic(past, BASE, "UTC", AHEAD)[0]
 
 
 def _ours(found: list[tuple[str, str, Scores]]) -> Iterator[list[str]]:
-    """Of alternatives the one with the least log loss."""
-    for name in dict.fromkeys(model for model, _, _ in found):
-        _, chosen, best = min((each for each in found if each[0] == name), key=lambda each: each[2].log_loss)
+    """Of alternatives, whose names differ after a comma, the one with the least log loss."""
+    for kind in dict.fromkeys(model.partition(", ")[0] for model, _, _ in found):
+        alike = [each for each in found if each[0].partition(", ")[0] == kind]
+        name, chosen, best = min(alike, key=lambda each: each[2].log_loss)
         cells = [name, chosen, "here", number(best.brier, 4), number(best.error, 4), number(best.log_loss)]
         yield [f"**{cell}**" for cell in cells] if name == "auto" else cells
 

@@ -37,7 +37,7 @@ def claims(rows: list[Row]) -> str:
             ("accuracy of prediction is about 90 %", _span([rows[2], rows[3]])),
             (
                 "reconstruction grows monotonically with the order",
-                f"it falls in {len(falls)} of {len(rows) - 1} steps, by at most {100 * max(falls):.1f} %",
+                f"{len(falls)} of {len(rows) - 1} steps lead down, by {100 * max(falls):.1f} percentage points at most",
             ),
             ("O has 160 limits at order 15", f"{2 * at_15.intervals} limits, of {at_15.intervals} intervals"),
         ],

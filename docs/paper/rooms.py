@@ -1,5 +1,6 @@
 """Nine rooms of a smart home: eight weeks to learn from, then weekly refits and the next week predicted."""
 
+import textwrap
 from collections.abc import Callable
 from pathlib import Path
 
@@ -71,7 +72,8 @@ def _rivals(best: dict[str, str]) -> str:
         f"by {name.split()[0]} in bins of {float(name.split()[1]) / 60:g} minutes, shrinkage {name.split()[2]}"
         for name in (best[family] for family in FAMILIES[2:])
     )
-    return (
+    text = (
         f"The rivals' settings with the least mean log loss over the rooms: `fft` of order {best['fft'].split()[1]}; "
         f"histograms {kinds}."
     )
+    return textwrap.fill(text, 120)

@@ -2,11 +2,11 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -48,11 +48,11 @@ def drawing(path: Path, height_in: float) -> Iterator[Figure]:
     """A figure of the usual width that is written as PNG of few colours, the same bytes for the same drawing."""
     with mpl.rc_context(_SETTINGS):
         figure = Figure(figsize=(WIDTH_IN, height_in), dpi=DPI, layout="constrained")
-        canvas = FigureCanvasAgg(figure)
+        FigureCanvasAgg(figure)
         yield figure
-        canvas.draw()
-        picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
-        picture.quantize(COLORS, dither=Image.Dither.NONE).save(path, optimize=True)
+        drawn = BytesIO()
+        figure.savefig(drawn, format="png")
+        Image.open(drawn).convert("RGB").quantize(COLORS, dither=Image.Dither.NONE).save(path, optimize=True)
 
 
 def week_axis(axes: Axes, day_length: float, names: Sequence[str] = DAYS) -> None:

@@ -1,5 +1,6 @@
 """docs/method.md: its blocks, tables and figures are those that `make paper` writes, and its numbers come out again."""
 
+import doctest
 import re
 from importlib import import_module
 from pathlib import Path
@@ -7,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from docs.paper import __main__ as paper
-from docs.paper import recordings
+from docs.paper import document, recordings
 from docs.paper.costs import FIGURES, row
 from docs.paper.document import IMAGES, PAGE, blocks, filled, number, parse, table
 from docs.paper.orders import ORDERS, accuracies
@@ -111,6 +112,10 @@ def test_blocks_are_replaced_and_nothing_else() -> None:
         filled(page, {"b": ""})
     with pytest.raises(ValueError, match="do not match"):
         blocks(page.replace("end a", "end b"))
+
+
+def test_the_examples_of_the_document_hold() -> None:
+    assert doctest.testmod(document).failed == 0
 
 
 def test_tables_are_written_and_read() -> None:
