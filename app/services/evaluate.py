@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,7 +106,9 @@ def _trials(
 
 def _fit_all(history: History, recipes: dict[Candidate, Recipe], place: LocationRecord) -> dict[Candidate, Spectrum]:
     """Every candidate's spectrum; `fft` is fitted once, its smaller orders are the first components."""
-    most = max((recipe for recipe in recipes.values() if recipe.estimator == "fft"), key=_order, default=None)
+    most = max(
+        (recipe for recipe in recipes.values() if recipe.estimator == "fft"), key=attrgetter("order"), default=None
+    )
     largest = None if most is None else fit_recipe(history, most, place.base)
     return {
         candidate: truncate(largest, recipe.order)
@@ -113,10 +116,6 @@ def _fit_all(history: History, recipes: dict[Candidate, Recipe], place: Location
         else fit_recipe(history, recipe, place.base)
         for candidate, recipe in recipes.items()
     }
-
-
-def _order(recipe: Recipe) -> int:
-    return recipe.order
 
 
 def _given(place: LocationRecord, form: EvaluateForm) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:

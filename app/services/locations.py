@@ -1,5 +1,6 @@
 """Making, changing, listing and deleting locations."""
 
+from dataclasses import asdict
 from typing import Any
 
 from app.errors import InvalidInputError
@@ -81,7 +82,7 @@ def _wire(record: LocationRecord, revision: RevisionRecord | None, open_anomalie
     return Location(
         **{name: getattr(record, name) for name in Location.model_fields if hasattr(record, name) and name != "grid"}
         | {"order": record.order or "auto"},
-        grid=None if grid is None else GridForm(**{**vars_of(grid), "shape": list(grid.shape)}),
+        grid=None if grid is None else GridForm(**{**asdict(grid), "shape": list(grid.shape)}),
         shape=list(record.cells.shape),
         retention=record.retention_s,
         observations=record.measurements,
@@ -89,8 +90,3 @@ def _wire(record: LocationRecord, revision: RevisionRecord | None, open_anomalie
         accuracy=revision.accuracy if revision else None,
         open_anomalies=open_anomalies,
     )
-
-
-def vars_of(grid: Any) -> dict[str, Any]:
-    """The fields of a grid."""
-    return {name: getattr(grid, name) for name in ("frame", "origin", "resolution_m", "shape")}

@@ -202,10 +202,3 @@ def threshold_blocks(
             for eight in range(8):
                 word |= ((packed[eight] * GATHER_BITS) >> np.uint64(56)) << np.uint64(8 * eight)
             words[cell[row], block] = word
-
-
-def warm() -> None:
-    """Compile all kernels or load them from the cache: see `app.spectral.warm`."""
-    from app.spectral.warm import warm  # noqa: PLC0415 (it uses everything above this module)
-
-    warm()
