@@ -48,7 +48,7 @@ READERS: dict[str, Callable[[bytes, str, Grid], Columns]] = {
 
 
 def parse(body: Body, target: Target) -> Measurements:
-    """The measurements of a body.
+    """The measurements of a body, in order (`Measurements.in_order`).
 
     Raises UnsupportedMediaTypeError, UnreadableBodyError, InvalidInputError naming the first offending place.
     """
@@ -76,8 +76,9 @@ def parse(body: Body, target: Target) -> Measurements:
     _refuse(columns, outside, columns.cell_field, f"cells are 0 to {target.grid.n_cells - 1} here")
     if not len(columns.time):
         raise InvalidInputError.at(columns.whole, "there is no measurement in it; send at least one")
-    measurements = Measurements(columns.time, columns.cell.astype(np.uint32), columns.state)
-    _refuse_contradictions(columns, measurements)
+    measurements = Measurements(columns.time, columns.cell.astype(np.uint32), columns.state).in_order()
+    if _contradict(measurements).any():
+        raise InvalidInputError.at(_contradiction(columns), "this cell is both occupied and free at the same time")
     return measurements
 
 
@@ -87,13 +88,14 @@ def _refuse(columns: Columns, wrong: NDArray[np.bool_], field: Callable[[int], s
         raise InvalidInputError.at(field(row), message)
 
 
-def _refuse_contradictions(columns: Columns, measurements: Measurements) -> None:
-    """A cell is not both occupied and free at one time."""
-    if len(columns.cell) > 1 and measurements.cell.max() == 0 and (np.diff(measurements.time) > 0).all():
-        return
-    order = np.lexsort((measurements.cell, measurements.time))
-    time, cell, state = measurements.time[order], measurements.cell[order], measurements.state[order]
-    clash = (np.diff(time) == 0) & (np.diff(cell.astype(np.int64)) == 0) & (np.diff(state.astype(np.int8)) != 0)
-    if clash.any():
-        row = int(order[int(np.argmax(clash)) + 1])
-        raise InvalidInputError.at(columns.cell_field(row), "this cell is both occupied and free at the same time")
+def _contradict(measurements: Measurements) -> NDArray[np.bool_]:
+    """(n - 1,) which of them, in order, say the opposite of the one before at the same time of the same cell."""
+    time, cell, state = measurements.time, measurements.cell, measurements.state
+    return np.asarray((state[1:] != state[:-1]) & (cell[1:] == cell[:-1]) & (time[1:] == time[:-1]))
+
+
+def _contradiction(columns: Columns) -> str:
+    """The place of the first measurement, as they were sent, that contradicts an earlier one."""
+    order = np.lexsort((columns.cell, columns.time))
+    clash = _contradict(Measurements(columns.time[order], columns.cell[order].astype(np.uint32), columns.state[order]))
+    return columns.cell_field(int(order[int(np.argmax(clash)) + 1]))

@@ -16,6 +16,7 @@ from app.spectral.anomaly import Rule, is_anomalous, surprise
 from app.spectral.history import UNOBSERVED
 from app.spectral.measurements import Measurements
 from app.spectral.prediction import predict, predict_times
+from app.spectral.spectrum import Spectrum
 from app.storage.anomalies import EventFilter
 from app.storage.records import CHUNK_CELLS, AnomalyRecord, LocationRecord
 from app.storage.work import Work
@@ -35,6 +36,10 @@ class Marks:
     state: NDArray[np.uint8]
     probability: NDArray[np.float32]
 
+    def select(self, rows: NDArray[np.bool_]) -> "Marks":
+        """Some of them."""
+        return Marks(self.sample[rows], self.cell[rows], self.state[rows], self.probability[rows])
+
 
 @dataclass(frozen=True, slots=True)
 class Criterion:
@@ -45,38 +50,39 @@ class Criterion:
     revision: int
 
 
-def judge(ctx: Context, model: Fitted, measurements: Measurements) -> list[AnomalyRecord]:
-    """The events among new measurements, judged by rule `surprise` at the location's confidence."""
-    place = model.place
-    sample, rows = _standing(place, measurements)
-    cell = measurements.cell[rows].astype(np.int64)
-    probability = _probabilities(model, sample, cell)
-    criterion = Criterion(place.confidence, "surprise", model.revision.revision)
-    state = measurements.state[rows]
+def judge(place: LocationRecord, spectrum: Spectrum, measurements: Measurements) -> list[AnomalyRecord]:
+    """The events among new measurements, in order, judged by rule `surprise` at the location's confidence."""
+    sample, standing = _standing(place, measurements)
+    cell, state = standing.cell.astype(np.int64), standing.state
+    probability = _probabilities(place, spectrum, sample, cell)
+    criterion = Criterion(place.confidence, "surprise", place.revision)
     marked = is_anomalous(probability, state, criterion.confidence, criterion.rule)
     marks = Marks(sample[marked], cell[marked], state[marked], probability[marked])
     return group(place, marks, criterion)
 
 
-def _standing(place: LocationRecord, measurements: Measurements) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
-    """Samples and rows of the measurements that stand among these, ordered by sample and cell."""
-    sample = place.base.sample(measurements.time)
-    order = np.lexsort((measurements.state, measurements.time, measurements.cell, sample))
-    last = np.ones(len(order), bool)
-    ordered_sample, ordered_cell = sample[order], measurements.cell[order]
-    last[:-1] = (np.diff(ordered_sample) != 0) | (np.diff(ordered_cell.astype(np.int64)) != 0)
-    return ordered_sample[last], order[last]
+def _standing(place: LocationRecord, measurements: Measurements) -> tuple[NDArray[np.int64], Measurements]:
+    """The measurements that stand among these, which are in order, by sample and cell, and their samples."""
+    sample, ordered = measurements.samples(place.base), measurements
+    if len(np.unique(sample[measurements.heads()])) < len(measurements.heads()):
+        order = np.lexsort((ordered.state, ordered.time, ordered.cell, sample))
+        sample, ordered = sample[order], ordered.select(order)
+    last = np.ones(len(sample), np.bool_)
+    last[:-1] = (sample[1:] != sample[:-1]) | (ordered.cell[1:] != ordered.cell[:-1])
+    return (sample, ordered) if last.all() else (sample[last], ordered.select(last))
 
 
-def _probabilities(model: Fitted, sample: NDArray[np.int64], cell: NDArray[np.int64]) -> NDArray[np.float32]:
+def _probabilities(
+    place: LocationRecord, spectrum: Spectrum, sample: NDArray[np.int64], cell: NDArray[np.int64]
+) -> NDArray[np.float32]:
     """p of each (sample, cell), samples ascending."""
-    time = model.place.base.time(sample)
-    if model.place.n_cells == 1:
-        return np.asarray(predict_times(model.spectrum, time, np.array([0]))[0])
+    if place.n_cells == 1:
+        return np.asarray(predict_times(spectrum, place.base.time(sample), np.array([0]))[0])
     bounds = np.flatnonzero(np.diff(sample, prepend=np.iinfo(np.int64).min, append=np.iinfo(np.int64).max))
+    time = place.base.time(sample[bounds[:-1]])
     parts = [
-        predict(model.spectrum, float(time[begin]), cell[begin:end])
-        for begin, end in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True)
+        predict(spectrum, at, cell[begin:end])
+        for at, begin, end in zip(time.tolist(), bounds[:-1].tolist(), bounds[1:].tolist(), strict=True)
     ]
     return np.concatenate(parts) if parts else np.empty(0, np.float32)
 
@@ -84,6 +90,10 @@ def _probabilities(model: Fitted, sample: NDArray[np.int64], cell: NDArray[np.in
 def group(place: LocationRecord, marks: Marks, criterion: Criterion) -> list[AnomalyRecord]:
     """Events: connected marks of one state, of at least `min_cells` cells; in order of their start."""
     label = label_regions(place.cells, marks.sample, marks.cell, marks.state)
+    # A region has no more cells than marks: what is too small is not looked at any further.
+    least = min(place.min_cells, place.n_cells)
+    large = np.bincount(label)[label] >= least if len(label) else np.zeros(0, np.bool_)
+    label, marks = label[large], marks.select(large)
     order = np.lexsort((marks.cell, label))
     label, cell, sample, state = label[order], marks.cell[order], marks.sample[order], marks.state[order]
     probability = marks.probability[order].astype(np.float64)
@@ -100,12 +110,12 @@ def group(place: LocationRecord, marks: Marks, criterion: Criterion) -> list[Ano
         strict=True,
     )
     judged = (criterion.confidence, criterion.rule, criterion.revision)
-    large = [
+    events = [
         AnomalyRecord(place.id, 0, start, stop, cells, observed, mean, peak, *judged)
         for start, stop, cells, observed, mean, peak in columns
-        if len(cells) >= min(place.min_cells, place.n_cells)
+        if len(cells) >= least
     ]
-    return sorted(large, key=lambda event: (event.start, int(event.cells[0])))
+    return sorted(events, key=lambda event: (event.start, int(event.cells[0])))
 
 
 def _distinct(label: NDArray[np.int64], cell: NDArray[np.int64]) -> list[NDArray[np.int64]]:

@@ -24,14 +24,21 @@ class ByteCache(Generic[Value]):
 
         One version of a key is held at a time, so that what is out of date takes no room.
         """
-        with self._lock:
-            entry = self._entries.get(key)
-            if entry is not None and entry.version == version:
-                self._entries.move_to_end(key)
-                return entry.value
+        known = self.held(key, version)
+        if known is not None:
+            return known
         value = load()
         self._put(key, _Entry(version, value, self._size_of(value)))
         return value
+
+    def held(self, key: Hashable, version: Hashable) -> Value | None:
+        """The value of `key` in this version, None where it is not held."""
+        with self._lock:
+            entry = self._entries.get(key)
+            if entry is None or entry.version != version:
+                return None
+            self._entries.move_to_end(key)
+            return entry.value
 
     def drop(self, condition: Callable[[Hashable], bool]) -> None:
         """Forget the values whose key meets the condition."""

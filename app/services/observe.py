@@ -1,14 +1,15 @@
 """Observe: put posted measurements on the time base, judge them, store them durably, tell the others."""
 
+from concurrent.futures import Future
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 
 from app.events.messages import Message
 from app.ingest.observation import Body, Target, parse
 from app.schemas.anomalies import Event
 from app.services.anomalies import judge, wire
 from app.services.context import Context
-from app.services.spectra import fitted
+from app.services.spectra import fitted, held
 from app.spectral.measurements import Measurements
 from app.storage.blobs import pack_measurements
 from app.storage.records import AnomalyRecord, LocationRecord, ObservationRecord
@@ -26,8 +27,10 @@ class Post:
 
 @dataclass(frozen=True, slots=True)
 class Observed:
-    """What became of a post; events carry their ids."""
+    """What became of a post; events carry their ids. A duplicate has no number of its own."""
 
+    location: str
+    number: int
     accepted: int
     duplicate: bool
     first_time: float | None
@@ -36,38 +39,50 @@ class Observed:
     revision: int
 
 
-@dataclass(frozen=True, eq=False)
-class _Stored:
-    place: LocationRecord
-    record: ObservationRecord
-    number: int
-    anomalies: list[AnomalyRecord]
-
-    @cached_property
-    def events(self) -> list[Event]:
-        """The anomalies as the API shows them."""
-        return [wire(self.place, anomaly) for anomaly in self.anomalies]
-
-
 def observe(ctx: Context, name: str, post: Post) -> Observed:
     """Store a post; returns after its durable commit.
 
     Raises LocationNotFoundError, UnreadableBodyError, InvalidInputError, UnsupportedMediaTypeError,
     IdempotencyConflictError, BusyError; nothing is stored then.
     """
+    return begin(ctx, name, post).result()
+
+
+def begin(ctx: Context, name: str, post: Post) -> Future[Observed]:
+    """Parse and judge a post and queue it; the future has what `observe` returns after the durable commit.
+
+    Raises as `observe`.
+    """
     with ctx.store.read() as work:
         place = work.locations.get(name)
-        if _known(work, place, post):
-            return _duplicate(place)
+        known = _known(work, place, post)
+    if known:
+        return _done(_duplicate(place))
     target = Target(place.kind, place.cells, ctx.clock() + ctx.settings.future_s)
     measurements = parse(post.body, target)
-    events = judge(ctx, fitted(ctx, name), measurements) if place.revision and len(measurements) else []
+    place, events = _judged(ctx, place, measurements)
     record = _record(ctx, post, measurements)
     # Told in the order of the commits: who resumes behind the last event it heard of has missed none.
-    stored = ctx.store.write(lambda work: _store(work, place, post, record, events), partial(_tell, ctx))
-    if stored is None:
-        return _duplicate(place)
-    return Observed(record.measurements, False, record.first_time, record.last_time, stored.events, place.revision)
+    return ctx.store.submit(lambda work: _store(work, place, post, record, events), partial(_tell, ctx, record))
+
+
+def _done(value: Observed) -> Future[Observed]:
+    future: Future[Observed] = Future()
+    future.set_result(value)
+    return future
+
+
+def _judged(
+    ctx: Context, place: LocationRecord, measurements: Measurements
+) -> tuple[LocationRecord, list[AnomalyRecord]]:
+    """The events among the measurements by the current revision, none without one, and the location as it has it."""
+    if not place.revision:
+        return place, []
+    spectrum = held(ctx, place)
+    if spectrum is None:
+        fit = fitted(ctx, place.name)
+        place, spectrum = fit.place, fit.spectrum
+    return place, judge(place, spectrum, measurements)
 
 
 def _known(work: Work, place: LocationRecord, post: Post) -> bool:
@@ -77,12 +92,14 @@ def _known(work: Work, place: LocationRecord, post: Post) -> bool:
 
 def _store(
     work: Work, place: LocationRecord, post: Post, record: ObservationRecord, events: list[AnomalyRecord]
-) -> _Stored | None:
-    """None when the same post was stored meanwhile."""
+) -> Observed:
+    """Nothing is stored when the same post was stored meanwhile."""
     if _known(work, place, post):
-        return None
+        return _duplicate(place)
     number = work.observations.append(place, record)
-    return _Stored(place, record, number, work.anomalies.append(events))
+    stored = [wire(place, event) for event in work.anomalies.append(events)]
+    times = (record.first_time, record.last_time)
+    return Observed(place.name, number, record.measurements, False, *times, stored, place.revision)
 
 
 def _record(ctx: Context, post: Post, measurements: Measurements) -> ObservationRecord:
@@ -93,22 +110,22 @@ def _record(ctx: Context, post: Post, measurements: Measurements) -> Observation
         first_time=float(measurements.time.min()),
         last_time=float(measurements.time.max()),
         idempotency_key=post.idempotency_key,
-        body_hash=post.body.digest,
+        body_hash=post.body.digest if post.idempotency_key is not None else None,
         payload=pack_measurements(measurements),
     )
 
 
 def _duplicate(place: LocationRecord) -> Observed:
-    return Observed(0, True, None, None, [], place.revision)
+    return Observed(place.name, 0, 0, True, None, None, [], place.revision)
 
 
-def _tell(ctx: Context, stored: _Stored | None) -> None:
-    if stored is None:
+def _tell(ctx: Context, record: ObservationRecord, stored: Observed) -> None:
+    if stored.duplicate:
         return
-    now, record = ctx.clock(), stored.record
+    now = ctx.clock()
     told = {"measurements": record.measurements, "source": record.source, "last_time": record.last_time}
-    ctx.bus.publish(Message("observation", stored.place.name, stored.number, now, told))
-    for event in stored.events:
+    ctx.bus.publish(Message("observation", stored.location, stored.number, now, told))
+    for event in stored.anomalies:
         ctx.bus.publish(anomaly_message(event, now))
 
 

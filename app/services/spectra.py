@@ -29,7 +29,7 @@ def fitted(ctx: Context, name: str, estimator: str | None = None, order: int | N
     place, revision = current_revision(ctx, name)
     while True:
         wanted = _wanted(place, revision, estimator, order)
-        key = (place.id, wanted.recipe)
+        key = (place.id, None if wanted.recipe == revision.recipe else wanted.recipe)
         load = partial(_load, ctx, place, revision, wanted)
         try:
             return Fitted(place, wanted, ctx.spectra.get(key, revision.revision, load))
@@ -39,6 +39,11 @@ def fitted(ctx: Context, name: str, estimator: str | None = None, order: int | N
             if revision.revision == before.revision:
                 raise
             # An update took its place, and its chunks away, before they were loaded.
+
+
+def held(ctx: Context, place: LocationRecord) -> Spectrum | None:
+    """The spectrum of the location's revision where the cache has it: what it costs is one look."""
+    return ctx.spectra.held((place.id, None), place.revision)
 
 
 def current_revision(ctx: Context, name: str) -> tuple[LocationRecord, RevisionRecord]:

@@ -1,11 +1,12 @@
 """Regions: connected groups of marked cells, over space and over consecutive samples."""
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from app.space.grid import NEIGHBOURS, Grid
+
+STEPS = np.array(NEIGHBOURS, np.int64)
 
 
 def label_regions(
@@ -16,36 +17,51 @@ def label_regions(
     Two marks belong together when they have the same state and are the same cell in consecutive samples, or
     neighbours (26) in the same sample. O(n log n).
     """
-    n = len(cell)
-    if n == 0:
+    if not len(cell):
         return np.empty(0, np.int64)
-    index = grid.index(cell)
-    low = sample.min()
-    key = _key(grid, sample - low, index, state)
+    key = ((sample - sample.min()) * grid.n_cells + cell) * 2 + state
     order = np.argsort(key)
-    pairs = [_pairs(key, order, _key(grid, sample - low + 1, index, state), np.ones(n, np.bool_))]
-    for step in NEIGHBOURS:
-        moved = index + step
-        inside = np.asarray(((moved >= 0) & (moved < grid.shape3)).all(axis=1), np.bool_)
-        if inside.any():
-            pairs.append(_pairs(key, order, _key(grid, sample - low, moved, state), inside))
-    rows, columns = np.concatenate(pairs, axis=1)
-    graph = coo_array((np.ones(len(rows), np.uint8), (rows, columns)), shape=(n, n))
-    return np.asarray(connected_components(graph, directed=False)[1], np.int64)
+    parent = np.arange(len(key))
+    _join(key[order], grid.index(cell[order]), np.array(grid.shape3), STEPS, parent)
+    label = np.empty(len(key), np.int64)
+    label[order] = np.unique(parent, return_inverse=True)[1]
+    return label
 
 
-def _key(
-    grid: Grid, sample: NDArray[np.int64], index: NDArray[np.int64], state: NDArray[np.uint8]
-) -> NDArray[np.int64]:
-    nx, ny, nz = grid.shape3
-    linear = (index[:, 0] * ny + index[:, 1]) * nz + index[:, 2]
-    return np.asarray((sample * (nx * ny * nz) + linear) * 2 + state, np.int64)
+@njit(cache=True, nogil=True)
+def _join(
+    key: NDArray[np.int64],
+    index: NDArray[np.int64],
+    shape: NDArray[np.int64],
+    steps: NDArray[np.int64],
+    parent: NDArray[np.int64],
+) -> None:
+    """In place: `parent` of every mark (keys ascending) becomes the first of its region."""
+    plane, row = shape[1] * shape[2], shape[2]
+    n_cells = shape[0] * plane
+    for i in range(key.size):
+        _meet(key, parent, i, key[i] + 2 * n_cells)
+        for step in steps:
+            x, y, z = index[i, 0] + step[0], index[i, 1] + step[1], index[i, 2] + step[2]
+            if 0 <= x < shape[0] and 0 <= y < shape[1] and 0 <= z < shape[2]:
+                _meet(key, parent, i, key[i] + 2 * (step[0] * plane + step[1] * row + step[2]))
+    for i in range(key.size):
+        parent[i] = _root(parent, i)
 
 
-def _pairs(
-    key: NDArray[np.int64], order: NDArray[np.intp], wanted: NDArray[np.int64], valid: NDArray[np.bool_]
-) -> NDArray[np.int64]:
-    """(2, m): marks and the marks that have the wanted key."""
-    position = np.minimum(np.searchsorted(key, wanted, sorter=order), len(key) - 1)
-    found = valid & (key[order[position]] == wanted)
-    return np.stack([np.flatnonzero(found), order[position[found]]])
+@njit(cache=True, nogil=True)
+def _meet(key: NDArray[np.int64], parent: NDArray[np.int64], mark: int, wanted: int) -> None:
+    """Unite the regions of a mark and of the later mark with this key, if there is one."""
+    other = int(np.searchsorted(key, wanted))
+    if other < key.size and key[other] == wanted:
+        one, two = _root(parent, mark), _root(parent, other)
+        parent[max(one, two)] = min(one, two)
+
+
+@njit(cache=True, nogil=True)
+def _root(parent: NDArray[np.int64], mark: int) -> int:
+    """The first mark of a region, as far as it is known; halves the way there."""
+    while parent[mark] != mark:
+        parent[mark] = parent[parent[mark]]
+        mark = parent[mark]
+    return mark

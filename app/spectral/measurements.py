@@ -29,6 +29,18 @@ class Measurements:
         np.not_equal(self.time[1:], self.time[:-1], out=changed[1:])
         return np.flatnonzero(changed)
 
+    def in_order(self) -> "Measurements":
+        """The same rows sorted by time, then cell, then state; O(n log n) on one column of integers."""
+        heads = self.heads()
+        table, first = self.time[heads], np.arange(len(heads))
+        if (np.diff(table) < 0).any():
+            table, first = np.unique(table, return_inverse=True)
+        rank = np.repeat(first.astype(np.uint64), np.diff(heads, append=len(self)))
+        key = rank << np.uint64(33) | self.cell.astype(np.uint64) << np.uint64(1) | self.state
+        key.sort()
+        cell = (key >> np.uint64(1)).astype(np.uint32)
+        return Measurements(table[key >> np.uint64(33)], cell, (key & np.uint64(1)).astype(np.uint8))
+
     def samples(self, base: TimeBase) -> NDArray[np.int64]:
         """The sample of each measurement."""
         heads = self.heads()

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from app.spectral import kernels
-from app.spectral.spectrum import Spectrum, compact, gates, select, tau
+from app.spectral.spectrum import Spectrum, check_cells, compact, gates, select, tau
 
 VERDICTS: Final = ("free", "occupied", "uncertain")
 FREE_VERDICT: Final = 0
@@ -24,11 +24,14 @@ def predict(spectrum: Spectrum, time: float, cells: ArrayLike | None = None, thr
     Clipped to [0, 1], NaN where never observed. One phasor per wave in float64, then one gather
     per coefficient: 1-2 ns each. IndexError on a cell out of range.
     """
-    if cells is not None:
-        spectrum = select(spectrum, cells)
-    out = spectrum.mean.copy()
     phasor = phasors(spectrum, np.array([time], np.float64))[:, 0].copy()
-    if phasor.size and spectrum.cell.size:
+    waves = (spectrum.cell, spectrum.index, spectrum.coefficient, phasor)
+    if cells is not None:
+        chosen = check_cells(spectrum, cells)
+        out = spectrum.mean[chosen]
+        kernels.add_waves_of(chosen, *waves, out)
+    else:
+        out = spectrum.mean.copy()
         _add_waves(spectrum, phasor, out, threads)
     return probability(spectrum, out)
 
@@ -42,8 +45,9 @@ def _add_waves(spectrum: Spectrum, phasor: NDArray[np.complex64], out: NDArray[n
         waves = (spectrum.cell[part], spectrum.index[part], spectrum.coefficient[part])
         kernels.add_waves(*waves, phasor, out)
 
-    if len(parts) == 1:
-        add(parts[0])
+    if len(parts) <= 1:
+        for part in parts:
+            add(part)
         return
     with ThreadPoolExecutor(len(parts)) as pool:
         list(pool.map(add, parts))

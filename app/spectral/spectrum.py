@@ -142,13 +142,20 @@ def rows(spectrum: Spectrum, cells: NDArray[np.int64]) -> NDArray[np.int64]:
 
     IndexError on a cell outside [0, n_cells).
     """
-    if cells.size and (cells.min() < 0 or cells.max() >= spectrum.n_cells):
-        raise IndexError(f"a cell outside [0, {spectrum.n_cells})")
+    check_cells(spectrum, cells)
     if not spectrum.cell.size:
         return np.full(cells.shape, -1, np.int64)
     row = np.searchsorted(spectrum.cell, cells)
     row[row == spectrum.cell.size] = 0
     return np.where(spectrum.cell[row] == cells, row, -1).astype(np.int64)
+
+
+def check_cells(spectrum: Spectrum, cells: ArrayLike) -> NDArray[np.int64]:
+    """The cells (n,) as integers. IndexError on one outside [0, n_cells)."""
+    chosen = np.asarray(cells, np.int64)
+    if chosen.size and (chosen.min() < 0 or chosen.max() >= spectrum.n_cells):
+        raise IndexError(f"a cell outside [0, {spectrum.n_cells})")
+    return chosen
 
 
 def components(spectrum: Spectrum, cell: int) -> Components:

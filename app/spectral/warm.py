@@ -42,6 +42,7 @@ def warm() -> None:
         )
         for spectrum in (model.spectrum, kept, replace(kept, time_zone="UTC")):
             predict(spectrum, 0.0)
+            predict(spectrum, 0.0, [0])
             predict_times(spectrum, [0.0, 1.0])
             reconstruct(replace(model, spectrum=spectrum))
     choose(History.from_states((np.arange(2 * 4500).reshape(2, 4500) % 9 < 3).astype(np.uint8)), base, time_zone="UTC")

@@ -16,25 +16,38 @@ _SPECTRUM = ("frequency_hz", "gate", "mean", "cell", "index", "coefficient")
 
 
 def pack_measurements(measurements: Measurements) -> bytes:
-    """Sorted by time; times as runs of equal times, cells as differences, states as bits."""
-    order = np.argsort(measurements.time, kind="stable")
-    time, cell = measurements.time[order], measurements.cell[order]
-    heads = np.flatnonzero(np.diff(time, prepend=np.nan) != 0)
+    """Times as runs of equal times, cells as steps from the first of their run, states as bits.
+
+    Any order comes back as it was; in order (`Measurements.in_order`) the steps are small and so is the blob.
+    """
+    heads, cell = measurements.heads(), measurements.cell
+    step = np.diff(cell, prepend=np.uint32(0))
+    step[heads] = 0
     return seal(
         {
-            "time": time[heads],
-            "run": np.diff(heads, append=len(time)).astype(np.uint32),
-            "cell": np.diff(cell.astype(np.int64), prepend=0).astype(np.int32),
-            "state": np.packbits(measurements.state[order], bitorder="little"),
+            "time": measurements.time[heads],
+            "run": np.diff(heads, append=len(cell)).astype(np.uint32),
+            "first": cell[heads],
+            "step": step.astype(_narrowest(step)),
+            "state": np.packbits(measurements.state, bitorder="little"),
         }
     )
 
 
+def _narrowest(values: NDArray[np.unsignedinteger[Any]]) -> np.dtype[Any]:
+    """The narrowest unsigned type that holds all of them."""
+    return np.min_scalar_type(values.max(initial=0))
+
+
 def unpack_measurements(blob: bytes, what: str) -> Measurements:
-    """The inverse of `pack_measurements`, up to the order of rows."""
-    columns = cast(dict[str, Any], unseal(blob, what, "time", "run", "cell", "state"))
-    time = np.repeat(columns["time"], columns["run"])
-    cell = np.cumsum(columns["cell"], dtype=np.int64).astype(np.uint32)
+    """The inverse of `pack_measurements`."""
+    columns = cast(dict[str, Any], unseal(blob, what, "time", "run", "first", "step", "state"))
+    run = columns["run"]
+    time = np.repeat(columns["time"], run)
+    # Sums that grow past 32 bits wrap around, and so come out right.
+    total = np.cumsum(columns["step"], dtype=np.uint32)
+    heads = np.cumsum(run, dtype=np.int64) - run
+    cell = total + np.repeat(columns["first"] - total[heads], run)
     state = np.unpackbits(columns["state"], count=len(time), bitorder="little")
     return Measurements(time, cell, state)
 

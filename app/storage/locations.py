@@ -3,12 +3,15 @@
 from collections.abc import Mapping
 from typing import Any
 
-from sqlalchemy import Connection, delete, func, insert, select, update
+from sqlalchemy import Connection, bindparam, delete, func, insert, select, update
 
 from app.errors import LocationExistsError, LocationNotFoundError
 from app.storage.counters import take
 from app.storage.records import LocationRecord
 from app.storage.tables import anomaly, location
+
+_BY_NAME = select(location).where(location.c.name == bindparam("name"))
+"""Built once: every request asks it."""
 
 
 class Locations:
@@ -19,11 +22,10 @@ class Locations:
 
     def get(self, name: str) -> LocationRecord:
         """Raises LocationNotFoundError."""
-        query = select(location).where(location.c.name == name)
-        row = None if "\0" in name else self._connection.execute(query).mappings().first()
+        row = None if "\0" in name else self._connection.execute(_BY_NAME, {"name": name}).first()
         if row is None:
             raise LocationNotFoundError(name)
-        return LocationRecord.of(row)
+        return LocationRecord.of(row._mapping)
 
     def list(self, after: str | None = None, limit: int | None = None) -> list[LocationRecord]:
         """In order of their names."""

@@ -2,7 +2,22 @@
 
 from collections.abc import Mapping
 
-from sqlalchemy import Case, Column, ColumnElement, Connection, case, delete, func, insert, or_, select, update
+from sqlalchemy import (
+    BindParameter,
+    Case,
+    Column,
+    ColumnElement,
+    Connection,
+    Float,
+    bindparam,
+    case,
+    delete,
+    func,
+    insert,
+    or_,
+    select,
+    update,
+)
 
 from app.errors import IdempotencyConflictError, LocationNotFoundError
 from app.spectral.measurements import Measurements
@@ -23,10 +38,7 @@ class Observations:
 
     def find_duplicate(self, place: LocationRecord, key: str, body_hash: bytes) -> bool:
         """Whether this key is stored with this body. Raises IdempotencyConflictError with another body."""
-        query = select(observation.c.body_hash).where(
-            observation.c.location_id == place.id, observation.c.idempotency_key == key
-        )
-        row = self._connection.execute(query).first()
+        row = self._connection.execute(_BY_KEY, {"place": place.id, "key": key}).first()
         if row is None:
             return False
         if row.body_hash != body_hash:
@@ -35,21 +47,11 @@ class Observations:
 
     def append(self, place: LocationRecord, record: ObservationRecord) -> int:
         """Append to the log; the new observation's number. LocationNotFoundError when it was deleted meanwhile."""
-        numbered = (
-            update(location)
-            .where(location.c.id == place.id)
-            .values(
-                observation_seq=location.c.observation_seq + 1,
-                measurements=location.c.measurements + record.measurements,
-                first_time=_unless(location.c.first_time, location.c.first_time > record.first_time, record.first_time),
-                last_time=_unless(location.c.last_time, location.c.last_time < record.last_time, record.last_time),
-            )
-            .returning(location.c.observation_seq)
-        )
-        number = self._connection.execute(numbered).scalar()
+        more = {"place": place.id, "more": record.measurements, "first": record.first_time, "last": record.last_time}
+        number = self._connection.execute(_NUMBER, more).scalar()
         if number is None:
             raise LocationNotFoundError(place.name)
-        self._connection.execute(insert(observation).values(location_id=place.id, id=number, **vars(record)))
+        self._connection.execute(_APPEND, {"location_id": place.id, "id": number, **vars(record)})
         return int(number)
 
     def tail(self, place: LocationRecord, most: int | None = None) -> list[tuple[int, Measurements]]:
@@ -142,6 +144,25 @@ class Observations:
             self._connection.execute(insert(history).values(payload=payload, **key))
 
 
-def _unless(column: Column[float], passed: ColumnElement[bool], value: float) -> Case[float]:
+def _unless(column: Column[float], passed: ColumnElement[bool], value: BindParameter[float]) -> Case[float]:
     """The column's value, or `value` where it is empty or passed."""
     return case((or_(column.is_(None), passed), value), else_=column)
+
+
+# Statements of every post, built once: building one takes longer than running it.
+_FIRST, _LAST = bindparam("first", type_=Float(53)), bindparam("last", type_=Float(53))
+_BY_KEY = select(observation.c.body_hash).where(
+    observation.c.location_id == bindparam("place"), observation.c.idempotency_key == bindparam("key")
+)
+_NUMBER = (
+    update(location)
+    .where(location.c.id == bindparam("place"))
+    .values(
+        observation_seq=location.c.observation_seq + 1,
+        measurements=location.c.measurements + bindparam("more"),
+        first_time=_unless(location.c.first_time, location.c.first_time > _FIRST, _FIRST),
+        last_time=_unless(location.c.last_time, location.c.last_time < _LAST, _LAST),
+    )
+    .returning(location.c.observation_seq)
+)
+_APPEND = insert(observation)

@@ -127,7 +127,7 @@ class ObservationRecord:
     first_time: float
     last_time: float
     idempotency_key: str | None
-    body_hash: bytes
+    body_hash: bytes | None
     payload: bytes
 
 

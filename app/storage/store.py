@@ -86,9 +86,9 @@ class Store:
             check_version(connection)
             transaction.rollback()
 
-    def submit(self, run: Callable[[Work], Result]) -> Future[Result]:
+    def submit(self, run: Callable[[Work], Result], then: Callable[[Result], None] | None = None) -> Future[Result]:
         """Queue a write; see `Writer.submit`."""
-        return self._writer.submit(run)
+        return self._writer.submit(run, then)
 
     def write(self, run: Callable[[Work], Result], then: Callable[[Result], None] | None = None) -> Result:
         """Queue a write and wait until it is durable; `then` as in `Writer.submit`."""

@@ -27,7 +27,9 @@ class _Write(Generic[Result]):
 
 
 class Writer:
-    """Runs writes one after the other; each gets its own savepoint, a group of them one durable commit."""
+    """Runs writes one after the other, a group of them in one durable commit; one that fails takes no other along.
+
+    A write may be run again, and so does nothing but what its transaction undoes."""
 
     def __init__(self, engine: Engine, queue_length: int, batch: int) -> None:
         self._engine = engine
@@ -89,14 +91,34 @@ class Writer:
                 return group, True
         return group, False
 
-    def _commit(self, group: list[_Write[Any]], again: bool = True) -> None:
+    def _commit(self, group: list[_Write[Any]]) -> None:
+        """Store a group; where one of its writes fails, all of them again, each behind a savepoint.
+
+        Savepoints cost as much as a small write, and hardly ever one fails.
+        """
+        results: list[Any] = []
+        try:
+            with self._engine.begin() as connection:
+                work = Work.on(connection)
+                results.extend(write.run(work) for write in group)
+        except BaseException as error:
+            if len(results) == len(group):
+                # The commit itself failed: whether it is stored is not known.
+                _refuse(group, error)
+            else:
+                self._commit_apart(group)
+            return
+        for write, result in zip(group, results, strict=True):
+            _finish(write, result)
+
+    def _commit_apart(self, group: list[_Write[Any]], again: bool = True) -> None:
         """Settle every future, whatever happens: nobody waits for ever, and this thread goes on."""
         try:
             with self._engine.begin() as connection:
                 settle = [self._run(connection, write, again) for write in group]
         except BaseException as error:
-            _log(f"a group of {len(group)} writes was not stored", error)
-            settle = [partial(write.future.set_exception, StorageUnavailableError()) for write in group]
+            _refuse(group, error)
+            return
         for each in settle:
             each()
 
@@ -117,12 +139,18 @@ class Writer:
             savepoint.rollback()
             if again:
                 # Another process may have been in its way: once more, without the locks of a group.
-                return partial(self._commit, [write], again=False)
+                return partial(self._commit_apart, [write], again=False)
             return partial(write.future.set_exception, StorageUnavailableError())
         except BaseException as error:
             savepoint.rollback()
             return partial(write.future.set_exception, error)
         return partial(_finish, write, result)
+
+
+def _refuse(group: list[_Write[Any]], error: BaseException) -> None:
+    _log(f"a group of {len(group)} writes was not stored", error)
+    for write in group:
+        write.future.set_exception(StorageUnavailableError())
 
 
 def _finish(write: _Write[Result], result: Result) -> None:

@@ -1,7 +1,7 @@
 """Timing a piece of work beside its floor."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 
@@ -26,14 +26,22 @@ class Figure:
         }
 
 
-def interleaved(*work: Callable[[], object], rounds: int = 9) -> list[float]:
+def interleaved(
+    *work: Callable[[], object], rounds: int = 9, clock: Callable[[], float] = time.perf_counter
+) -> list[float]:
     """The least seconds each took, in turns, so that a noisy moment does not fall on one alone."""
     taken: list[list[float]] = [[] for _ in work]
     for each in work:
         each()
     for _ in range(rounds):
         for each, seconds in zip(work, taken, strict=True):
-            started = time.perf_counter()
+            started = clock()
             each()
-            seconds.append(time.perf_counter() - started)
+            seconds.append(clock() - started)
     return [min(seconds) for seconds in taken]
+
+
+def quantile(values: Sequence[float], share: float) -> float:
+    """The value that this share of them does not exceed."""
+    ordered = sorted(values)
+    return ordered[min(len(ordered) - 1, int(share * len(ordered)))]

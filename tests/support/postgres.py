@@ -11,7 +11,7 @@ import shutil
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
@@ -22,16 +22,9 @@ import psycopg
 START_S = 60.0
 # PostgreSQL refuses to run as root, so as root it runs as this user, which every Unix has.
 UNPRIVILEGED = "nobody"
-# No test crashes this server, only its clients: nothing needs to reach the disk.
-OPTIONS = {
-    "listen_addresses": "",
-    "fsync": "off",
-    "full_page_writes": "off",
-    "synchronous_commit": "off",
-    "max_connections": "200",
-    "shared_buffers": "64MB",
-    "timezone": "UTC",
-}
+COMMON = {"listen_addresses": "", "max_connections": "200", "shared_buffers": "64MB", "timezone": "UTC"}
+FAST = {"fsync": "off", "full_page_writes": "off", "synchronous_commit": "off"}
+"""For a server whose clients may crash, but never it itself: nothing needs to reach the disk."""
 
 
 class Postgres:
@@ -62,7 +55,7 @@ class Postgres:
 
 
 @contextmanager
-def running_postgres() -> Iterator[Postgres]:
+def running_postgres(options: Mapping[str, str] = FAST) -> Iterator[Postgres]:
     """A fresh server, gone without a trace afterwards."""
     folder = Path(tempfile.mkdtemp(prefix="tidemap-pg-"))
     try:
@@ -72,18 +65,18 @@ def running_postgres() -> Iterator[Postgres]:
             identity = {"user": user.pw_uid, "group": user.pw_gid, "extra_groups": []}
             os.chown(folder, user.pw_uid, user.pw_gid)
         programs = _programs(folder, identity)
-        options = ["--no-sync", "--auth=trust", "--username=postgres", "--encoding=UTF8", "--no-locale"]
-        _run([programs / "initdb", *options, "--pgdata", folder / "data"], cwd=folder, **identity)
-        with _serving(programs, folder, identity):
+        setup = ["--no-sync", "--auth=trust", "--username=postgres", "--encoding=UTF8", "--no-locale"]
+        _run([programs / "initdb", *setup, "--pgdata", folder / "data"], cwd=folder, **identity)
+        with _serving(programs, folder, identity, options):
             yield Postgres(folder)
     finally:
         shutil.rmtree(folder)
 
 
 @contextmanager
-def _serving(programs: Path, folder: Path, identity: dict[str, Any]) -> Iterator[None]:
+def _serving(programs: Path, folder: Path, identity: dict[str, Any], options: Mapping[str, str]) -> Iterator[None]:
     command: list[str | Path] = [programs / "postgres", "-D", folder / "data", "-k", folder]
-    for name, value in OPTIONS.items():
+    for name, value in (COMMON | dict(options)).items():
         command += ["-c", f"{name}={value}"]
     log = folder / "log"
     with log.open("wb") as output:

@@ -145,7 +145,7 @@ def test_what_could_not_be_stored_is_not_told(ctx: Context, monkeypatch: pytest.
     def refuse(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr("app.storage.store.Store.write", refuse)
+    monkeypatch.setattr("app.storage.store.Store.submit", refuse)
     with pytest.raises(type(error)):
         post_states(ctx, "door", [0.0], [1])
     assert heard == []

@@ -1,0 +1,65 @@
+"""A laboratory that robots look at: 10^5 cells, of which a look sees 10^4, a tenth of them changing by the day."""
+
+import time
+
+import numpy as np
+
+from app.client.encoding import arrow, look
+from app.ingest.observation import ARROW, Body
+from app.schemas.locations import LocationForm
+from app.services.context import Context
+from app.services.locations import create_location
+from app.services.observe import Post, observe
+from app.services.update import UpdateRequest, run_update
+from app.workers.executors import LocalExecutor
+
+NAME, SHAPE, INTERVAL_S, DAY_S = "lab", (100, 100, 10), 300.0, 86_400.0
+BOX = (slice(15, 75), slice(25, 75), slice(0, 5))
+CELLS = np.arange(np.prod(SHAPE), dtype=np.uint32).reshape(SHAPE)[BOX].ravel()
+N_SEEN, NOISE = 10_000, 0.005
+LEARNED_LOOKS = 96
+
+
+def seen(time_s: float) -> bytes:
+    """The body of a look: first the cells seen occupied, then those seen free, as the client sends them.
+
+    Every look misses other cells of the box, and sees 0.5 % of its cells wrongly.
+    """
+    random = np.random.default_rng(int(time_s))
+    rows = np.sort(random.choice(CELLS.size, N_SEEN, replace=False))
+    occupied = _occupied(time_s)[rows] ^ (random.random(N_SEEN) < NOISE)
+    return arrow(look(time_s, CELLS[rows[occupied]], CELLS[rows[~occupied]]))
+
+
+def bodies(count: int, before_s: float) -> list[bytes]:
+    """Looks, two seconds apart, the last at `before_s`."""
+    return [seen(before_s - 2.0 * (count - i)) for i in range(count)]
+
+
+def prepare(ctx: Context) -> None:
+    """Make the location, post eight days of looks two hours apart, and fit its first model."""
+    form = {"frame": "map", "origin": [0.0, 0.0, 0.0], "resolution_m": 0.1, "shape": list(SHAPE)}
+    create_location(
+        ctx,
+        LocationForm(name=NAME, kind="grid3d", interval_s=INTERVAL_S, estimator="fft", order=5, min_cells=4, grid=form),
+    )
+    until = ctx.clock() - 2 * INTERVAL_S
+    for i in range(LEARNED_LOOKS):
+        observe(ctx, NAME, Post(Body(seen(until - 7200.0 * (LEARNED_LOOKS - i)), ARROW)))
+    executor = LocalExecutor(2)
+    run_update(ctx, NAME, UpdateRequest(), executor, lambda _: None)
+    executor.close()
+
+
+def _occupied(time_s: float) -> np.ndarray:
+    """A tenth is occupied for some hours of every day, another tenth always."""
+    place = np.arange(CELLS.size) // 50
+    hour = time_s % DAY_S / 3600
+    begin = place // 10 % 16
+    return np.where(place % 10 == 0, (hour >= begin) & (hour < begin + 8), place % 10 == 1)
+
+
+def now() -> float:
+    """Half past nine this morning in UTC or yesterday's: a moment at which nothing that changes is changing."""
+    today = time.time() // DAY_S * DAY_S
+    return today - DAY_S + 9.5 * 3600
