@@ -52,7 +52,13 @@ def _join(
 @njit(cache=True, nogil=True)
 def _meet(key: NDArray[np.int64], parent: NDArray[np.int64], mark: int, wanted: int) -> None:
     """Unite the regions of a mark and of the later mark with this key, if there is one."""
-    other = int(np.searchsorted(key, wanted))
+    other, above = mark + 1, key.size
+    while other < above:
+        middle = (other + above) // 2
+        if key[middle] < wanted:
+            other = middle + 1
+        else:
+            above = middle
     if other < key.size and key[other] == wanted:
         one, two = _root(parent, mark), _root(parent, other)
         parent[max(one, two)] = min(one, two)
