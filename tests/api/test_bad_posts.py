@@ -140,7 +140,7 @@ TABLES = [
     columns(LAB, {"time": [T], "state": ONE}, 422, "cell", "missing"),
     columns(LAB, {"time": [T], "cell": np.array([24], np.uint32), "state": ONE}, 422, "cell[0]", "0 to 23"),
     columns(LAB, {"time": [T], "cell": np.array([-1], np.int32), "state": ONE}, 422, "cell[0]", "0 to 23"),
-    columns(LAB, {"time": [T], "cell": np.array([2**64 - 1], np.uint64), "state": ONE}, 422, "cell"),
+    columns(LAB, {"time": [T], "cell": np.array([2**64 - 1], np.uint64), "state": ONE}, 422, "cell[0]", "0 to 23"),
     columns(LAB, {"time": [T], "cell": [1.0], "state": ONE}, 422, "cell", "uint32"),
     columns(LAB, {"time": [T], "cell": [[0, 0, 1]], "state": ONE}, 422, "cell", "uint32"),
     columns(LAB, {"time": [T], "cell": [True], "state": ONE}, 422, "cell", "uint32"),
