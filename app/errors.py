@@ -155,6 +155,18 @@ class BodyTooLargeError(TidemapError):
         )
 
 
+class BodyStalledError(TidemapError):
+    """The sender stopped in the midst of a body."""
+
+    code = "body-stalled"
+    title = "Body stalled"
+
+    def __init__(self, waited_s: float) -> None:
+        super().__init__(
+            f"Nothing more of the body came for {waited_s:.0f} seconds. Send it again; nothing was stored."
+        )
+
+
 class InvalidInputError(TidemapError):
     """Readable but wrong. `errors` name the fields and the mend."""
 
@@ -218,6 +230,20 @@ class QueueFullError(BusyError):
 
     def __init__(self) -> None:
         super().__init__("The commit queue is full. Send this again in a second; nothing was stored.")
+
+
+class TooManyBodiesError(BusyError):
+    """The memory for bodies is taken by others."""
+
+    code = "too-many-bodies"
+    title = "Too many bodies"
+    retry_after_s = 2
+
+    def __init__(self) -> None:
+        super().__init__(
+            "Too many large bodies are being read. Send this again in a few seconds, or smaller posts; "
+            "nothing was stored."
+        )
 
 
 class CorruptChunkError(TidemapError):

@@ -24,6 +24,7 @@ STATUS: Mapping[type[Exception], int] = {
     errors.UnreadableBodyError: 400,
     errors.UnsupportedMediaTypeError: 415,
     errors.BodyTooLargeError: 413,
+    errors.BodyStalledError: 408,
     errors.InvalidInputError: 422,
     errors.UnauthorizedError: 401,
     errors.ForbiddenError: 403,
@@ -81,7 +82,7 @@ def _headers(error: Exception) -> dict[str, str]:
         return {"WWW-Authenticate": "Bearer"}
     if isinstance(error, errors.BusyError):
         return {"Retry-After": str(error.retry_after_s)}
-    if isinstance(error, errors.BodyTooLargeError):
+    if isinstance(error, errors.BodyTooLargeError | errors.BodyStalledError):
         return {"Connection": "close"}
     return {}
 

@@ -8,6 +8,7 @@ from fastapi import FastAPI
 
 from app import __version__
 from app.api import errors, live
+from app.api.budget import Budget
 from app.api.metrics import RequestMetrics, make_registry
 from app.api.routers import anomalies, health, jobs, keys, locations, maps, observations
 from app.schemas.common import Problem
@@ -61,6 +62,7 @@ def create_app(ctx: Context, alive: Mapping[str, Callable[[], bool]] | None = No
     )
     app.state.ctx = ctx
     app.state.alive = alive or {}
+    app.state.budget = Budget(ctx.settings.max_parsing_bytes)
     app.state.metrics = make_registry(ctx)
     app.add_middleware(RequestMetrics, registry=app.state.metrics)
     errors.install(app)

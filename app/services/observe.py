@@ -55,12 +55,21 @@ def begin(ctx: Context, name: str, post: Post) -> Future[Observed]:
     """
     with ctx.store.read() as work:
         place = work.locations.get(name)
+        known = _known(work, place, post)
+    if known:
+        return _done(_duplicate(place))
     target = Target(place.kind, place.cells, ctx.clock() + ctx.settings.future_s)
     measurements = parse(post.body, target)
     place, events = _judged(ctx, place, measurements)
     record = _record(ctx, post, measurements)
     # Told in the order of the commits: who resumes behind the last event it heard of has missed none.
     return ctx.store.submit(lambda work: _store(work, place, post, record, events), partial(_tell, ctx, record))
+
+
+def _done(value: Observed) -> Future[Observed]:
+    future: Future[Observed] = Future()
+    future.set_result(value)
+    return future
 
 
 def _judged(

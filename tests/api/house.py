@@ -1,5 +1,6 @@
 """The site in this process, on a database of its own, with a clock that stands still."""
 
+import io
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -164,6 +165,23 @@ def arrow_table(table: Any, **options: Any) -> bytes:
     with pa.ipc.new_stream(sink, table.schema, options=pa.ipc.IpcWriteOptions(**options)) as writer:
         writer.write_table(table)
     return bytes(sink.getvalue())
+
+
+def npy(columns: Mapping[str, Any]) -> bytes:
+    """An npy file of a structured array with a field a column."""
+    arrays = {name: np.asarray(values) for name, values in columns.items()}
+    length = len(next(iter(arrays.values())))
+    rows = np.empty(length, [(name, values.dtype, values.shape[1:]) for name, values in arrays.items()])
+    for name, values in arrays.items():
+        rows[name] = values
+    return npy_file(rows)
+
+
+def npy_file(array: Any) -> bytes:
+    """An npy file of an array."""
+    sink = io.BytesIO()
+    np.save(sink, array)
+    return sink.getvalue()
 
 
 def _column(values: Any) -> Any:

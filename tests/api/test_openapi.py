@@ -131,6 +131,8 @@ def test_every_answer_with_content_has_a_schema(document: Any) -> None:
                 continue
             for media_type, media in answer["content"].items():
                 assert media.get("schema"), (method, path, status, media_type)
+    posted = document["paths"][f"{BASE}/locations/{{name}}/observations"]["post"]["requestBody"]["content"]
+    assert posted.keys() == {"application/json", ARROW, NPY}
     state = document["paths"][f"{BASE}/locations/{{name}}/state"]["get"]["responses"]["200"]["content"]
     assert state.keys() == {"application/json", ARROW, NPY}
 
