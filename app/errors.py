@@ -226,6 +226,10 @@ class CorruptChunkError(TidemapError):
     code = "corrupt-chunk"
     title = "Corrupt chunk"
 
+    def __init__(self, what: str, why: str) -> None:
+        super().__init__(f"The stored {what} is corrupt: {why}. Restore it from a backup; the rest is readable.")
+        self.what, self.why = what, why
+
 
 class SchemaVersionError(TidemapError):
     """The database has a schema this version does not know."""

@@ -43,14 +43,14 @@ def _writing(url: str) -> Iterator[Connection]:
     """One transaction on a database that nobody has opened yet."""
     engine = open_writer(url)
     try:
-        with _usable(url), engine.begin() as connection:
+        with usable(url), engine.begin() as connection:
             yield connection
     finally:
         engine.dispose()
 
 
 @contextmanager
-def _usable(url: str) -> Iterator[None]:
+def usable(url: str) -> Iterator[None]:
     """Say which database it was that failed, and not its password."""
     try:
         yield
@@ -65,7 +65,7 @@ class Store:
     def __init__(self, url: str, commit_queue: int = 1024, commit_batch: int = 128) -> None:
         self._reader = open_reader(url)
         try:
-            with _usable(url), self._reader.begin() as connection:
+            with usable(url), self._reader.begin() as connection:
                 check_version(connection)
         except BaseException:
             self._reader.dispose()
