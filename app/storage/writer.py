@@ -41,6 +41,8 @@ class Writer:
     def submit(self, run: Callable[[Work], Result], then: Callable[[Result], None] | None = None) -> Future[Result]:
         """The future of a write: its result once it is durable, or the error it raised (nothing was stored then).
 
+        StorageUnavailableError alone leaves that open: a connection may be lost after the commit, before its answer.
+
         `then` is called with the result before anybody else gets it, in the writer's thread and so in the order of
         the commits; it should be quick.
         Raises QueueFullError, ShuttingDownError.
@@ -95,7 +97,7 @@ class Writer:
             with self._engine.begin() as connection:
                 settle = [self._run(connection, write, again) for write in group]
         except BaseException as error:
-            _log(f"a group of {len(group)} writes was not stored", error)
+            say(f"a group of {len(group)} writes was not stored", error)
             settle = [partial(write.future.set_exception, StorageUnavailableError()) for write in group]
         for each in settle:
             each()
@@ -113,7 +115,7 @@ class Writer:
         except DBAPIError as error:
             if error.connection_invalidated:
                 raise
-            _log("a write was refused by the database", error)
+            say("a write was refused by the database", error)
             savepoint.rollback()
             if again:
                 # Another process may have been in its way: once more, without the locks of a group.
@@ -134,9 +136,9 @@ def _finish(write: _Write[Result], result: Result) -> None:
     write.future.set_result(result)
 
 
-def _log(what: str, error: BaseException) -> None:
-    """One line for what the database says, with the trace for anything else."""
+def say(what: str, error: BaseException) -> None:
+    """Log one line for what the database says, the trace for anything else."""
     if isinstance(error, DBAPIError):
-        log.error("%s: %s", what, error.orig)
+        log.error("%s: %s", what, " ".join(str(error.orig).split()))
     else:
         log.error(what, exc_info=error)
