@@ -35,10 +35,11 @@ OPTIONS = {
 
 
 class Postgres:
-    """A running server, reached through a socket in `folder` only."""
+    """A running server, reached through a socket in `folder` only; `programs` is the folder of its programs."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, programs: Path) -> None:
         self.folder = folder
+        self.programs = programs
         self._numbers = count(1)
 
     def url(self, database: str) -> str:
@@ -75,7 +76,7 @@ def running_postgres() -> Iterator[Postgres]:
         options = ["--no-sync", "--auth=trust", "--username=postgres", "--encoding=UTF8", "--no-locale"]
         _run([programs / "initdb", *options, "--pgdata", folder / "data"], cwd=folder, **identity)
         with _serving(programs, folder, identity):
-            yield Postgres(folder)
+            yield Postgres(folder, programs)
     finally:
         shutil.rmtree(folder)
 
