@@ -54,6 +54,7 @@ def parser() -> argparse.ArgumentParser:
     migrate = commands.add_parser("migrate", help="bring the database to this version's schema")
     _add_database(migrate)
     migrate.set_defaults(command=_migrate)
+    _add_backup(commands)
     _add_verify(commands)
     _add_keys(commands)
     return whole
@@ -75,6 +76,19 @@ def _add_demo(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -
     demo.add_argument("--key", default=os.environ.get("TIDEMAP_KEY"), help="an admin's key (default: TIDEMAP_KEY)")
     demo.add_argument("--no-live", action="store_true", help="end when the three weeks are posted")
     demo.set_defaults(command=_demo)
+
+
+def _add_backup(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    backup = commands.add_parser(
+        "backup",
+        help="copy the embedded database to a file, also while a server is running",
+        description="Copies the embedded database as it is at this moment, also while a server is running on it. "
+        "For PostgreSQL it prints the pg_dump command to use.",
+    )
+    backup.add_argument("file", type=Path, metavar="FILE", help="where the copy goes")
+    backup.add_argument("--overwrite", action="store_true", help="replace FILE if it is there")
+    _add_database(backup)
+    backup.set_defaults(command=_backup)
 
 
 def _add_verify(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -126,6 +140,29 @@ def _migrate(arguments: argparse.Namespace) -> int:
     settings = _settings(arguments)
     migrate_database(settings.url)
     print("The database is up to date.")
+    return DONE
+
+
+def _backup(arguments: argparse.Namespace) -> int:
+    from tqdm import tqdm
+
+    from app.storage.backup import back_up, dump_command
+
+    settings, file = _settings(arguments), arguments.file
+    if (dump := dump_command(settings.url, file)) is not None:
+        _failed(f"PostgreSQL is backed up with its own program (set PGPASSWORD if it asks for one):\n{dump}")
+        return WRONG_USAGE
+    if file.exists() and not arguments.overwrite:
+        return _failed(f"{file} is there already; choose another name, or say --overwrite.")
+    # A bar on a terminal and nothing elsewhere.
+    with tqdm(desc="Copying", unit="page", file=sys.stderr, disable=None) as bar:
+
+        def show(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        back_up(settings.url, file, show)
+    print(f"{file}: {file.stat().st_size:,} bytes")
     return DONE
 
 

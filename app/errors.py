@@ -245,6 +245,13 @@ class DatabaseUnusableError(TidemapError):
     title = "Database unusable"
 
 
+class BackupError(TidemapError):
+    """A backup was not made."""
+
+    code = "backup"
+    title = "No backup made"
+
+
 class StorageUnavailableError(BusyError):
     """The database does not answer now, or not as it should."""
 

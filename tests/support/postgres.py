@@ -30,10 +30,11 @@ FAST = {"fsync": "off", "full_page_writes": "off", "synchronous_commit": "off"}
 
 
 class Postgres:
-    """A server, reached through a socket in `folder` only."""
+    """A server, reached through a socket in `folder` only; `programs` is the folder of its programs."""
 
     def __init__(self, folder: Path, programs: Path, identity: Mapping[str, Any], options: Mapping[str, str]) -> None:
         self.folder = folder
+        self.programs = programs
         self._command: list[str | Path] = [programs / "postgres", "-D", folder / "data", "-k", folder]
         for name, value in (COMMON | dict(options)).items():
             self._command += ["-c", f"{name}={value}"]
