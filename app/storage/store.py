@@ -6,13 +6,13 @@ from contextlib import contextmanager
 from typing import TypeVar
 
 from sqlalchemy import Connection, make_url
-from sqlalchemy.exc import DBAPIError
+from sqlalchemy.exc import DBAPIError, OperationalError
 
-from app.errors import DatabaseUnusableError
+from app.errors import DatabaseUnusableError, StorageUnavailableError
 from app.storage.engine import open_reader, open_writer
 from app.storage.migrate import check_version, current_version, migrate
 from app.storage.work import Work
-from app.storage.writer import Writer
+from app.storage.writer import Writer, say
 
 Result = TypeVar("Result")
 
@@ -43,14 +43,14 @@ def _writing(url: str) -> Iterator[Connection]:
     """One transaction on a database that nobody has opened yet."""
     engine = open_writer(url)
     try:
-        with _usable(url), engine.begin() as connection:
+        with usable(url), engine.begin() as connection:
             yield connection
     finally:
         engine.dispose()
 
 
 @contextmanager
-def _usable(url: str) -> Iterator[None]:
+def usable(url: str) -> Iterator[None]:
     """Say which database it was that failed, and not its password."""
     try:
         yield
@@ -59,13 +59,25 @@ def _usable(url: str) -> Iterator[None]:
         raise DatabaseUnusableError(f"The database {address} cannot be used: {error.orig}") from error
 
 
+@contextmanager
+def _answering() -> Iterator[None]:
+    """Say it in our words when the database is away, or fails."""
+    try:
+        yield
+    except DBAPIError as error:
+        if not (error.connection_invalidated or isinstance(error, OperationalError)):
+            raise
+        say("the database does not answer", error)
+        raise StorageUnavailableError from error
+
+
 class Store:
     """Open with the URL of a migrated database; SchemaVersionError otherwise."""
 
     def __init__(self, url: str, commit_queue: int = 1024, commit_batch: int = 128) -> None:
         self._reader = open_reader(url)
         try:
-            with _usable(url), self._reader.begin() as connection:
+            with usable(url), self._reader.begin() as connection:
                 check_version(connection)
         except BaseException:
             self._reader.dispose()
@@ -75,8 +87,8 @@ class Store:
 
     @contextmanager
     def read(self) -> Iterator[Work]:
-        """A unit of work that sees one snapshot and writes nothing."""
-        with self._reader.connect() as connection, connection.begin() as transaction:
+        """A unit of work that sees one snapshot and writes nothing. Raises StorageUnavailableError."""
+        with _answering(), self._reader.connect() as connection, connection.begin() as transaction:
             yield Work.on(connection)
             transaction.rollback()
 

@@ -43,6 +43,8 @@ class Writer:
     def submit(self, run: Callable[[Work], Result], then: Callable[[Result], None] | None = None) -> Future[Result]:
         """The future of a write: its result once it is durable, or the error it raised (nothing was stored then).
 
+        StorageUnavailableError alone leaves that open: a connection may be lost after the commit, before its answer.
+
         `then` is called with the result before anybody else gets it, in the writer's thread and so in the order of
         the commits; it should be quick.
         Raises QueueFullError, ShuttingDownError.
@@ -102,8 +104,8 @@ class Writer:
                 work = Work.on(connection)
                 results.extend(write.run(work) for write in group)
         except BaseException as error:
-            if len(results) == len(group):
-                # The commit itself failed: whether it is stored is not known.
+            if len(results) == len(group) or (isinstance(error, DBAPIError) and error.connection_invalidated):
+                # The database is away; where it went away in the commit, whether that was stored is not known.
                 _refuse(group, error)
             else:
                 self._commit_apart(group)
@@ -135,7 +137,7 @@ class Writer:
         except DBAPIError as error:
             if error.connection_invalidated:
                 raise
-            _log("a write was refused by the database", error)
+            say("a write was refused by the database", error)
             savepoint.rollback()
             if again:
                 # Another process may have been in its way: once more, without the locks of a group.
@@ -148,7 +150,7 @@ class Writer:
 
 
 def _refuse(group: list[_Write[Any]], error: BaseException) -> None:
-    _log(f"a group of {len(group)} writes was not stored", error)
+    say(f"a group of {len(group)} writes was not stored", error)
     for write in group:
         write.future.set_exception(StorageUnavailableError())
 
@@ -162,9 +164,9 @@ def _finish(write: _Write[Result], result: Result) -> None:
     write.future.set_result(result)
 
 
-def _log(what: str, error: BaseException) -> None:
-    """One line for what the database says, with the trace for anything else."""
+def say(what: str, error: BaseException) -> None:
+    """Log one line for what the database says, the trace for anything else."""
     if isinstance(error, DBAPIError):
-        log.error("%s: %s", what, error.orig)
+        log.error("%s: %s", what, " ".join(str(error.orig).split()))
     else:
         log.error(what, exc_info=error)

@@ -161,7 +161,10 @@ def test_a_damaged_spectrum_is_named_and_hurts_no_other(ctx: Context, payload: b
 
 def test_a_missing_chunk_is_named(ctx: Context) -> None:
     fit_lab(ctx)
-    with ctx.store.read() as work, pytest.raises(CorruptChunkError, match="lab', chunk 3 is missing from revision 1"):
+    with (
+        ctx.store.read() as work,
+        pytest.raises(CorruptChunkError, match="chunk 3 is corrupt: it is missing from revision 1"),
+    ):
         work.spectra.chunk(work.locations.get("lab"), 1, 3)
 
 
