@@ -50,17 +50,7 @@ def serve(ctx: Context, options: Options) -> int:
     warm()
     with ExitStack() as stack:
         site = stack.enter_context(open_site(ctx))
-        config = uvicorn.Config(
-            site,
-            host=settings.host,
-            port=settings.port,
-            log_config=None,
-            access_log=False,
-            server_header=False,
-            timeout_graceful_shutdown=GRACE_S,
-            ws_max_size=64 * 2**20,
-            ws_per_message_deflate=False,
-        )
+        config = configure(site, settings.host, settings.port)
         bound = _bind(settings.host, settings.port)
         stack.callback(bound.close)
         url = _url(bound)
@@ -76,6 +66,21 @@ def serve(ctx: Context, options: Options) -> int:
             signal.signal(asked, lambda *_: None)
         server.run([bound])
         return 0 if server.started else 1
+
+
+def configure(site: Any, host: str, port: int) -> uvicorn.Config:
+    """How uvicorn serves an ASGI application here."""
+    return uvicorn.Config(
+        site,
+        host=host,
+        port=port,
+        log_config=None,
+        access_log=False,
+        server_header=False,
+        timeout_graceful_shutdown=GRACE_S,
+        ws_max_size=64 * 2**20,
+        ws_per_message_deflate=False,
+    )
 
 
 def _bind(host: str, port: int) -> socket.socket:

@@ -1,0 +1,90 @@
+"""Requests over a few connections that are kept open, and the processor time they cost a server."""
+
+import asyncio
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import count
+
+import psutil
+
+from tests.support.paths import ROOT
+from tests.support.server import clean_environment
+
+
+@dataclass(frozen=True, slots=True)
+class Served:
+    """What some requests cost: processor seconds of the server each, and the seconds until each answer."""
+
+    cpu_s: float
+    latency_s: list[float]
+    wall_s: float
+
+
+class Target:
+    """A server by process and port."""
+
+    def __init__(self, pid: int, port: int) -> None:
+        self._process = psutil.Process(pid)
+        self._port = port
+
+    def serve(self, requests: Sequence[bytes], connections: int) -> Served:
+        """Send all requests, each connection one after the other. Raises RuntimeError on an answer that is no 2xx."""
+        before, started = self._cpu_s(), time.perf_counter()
+        latency = asyncio.run(_send(self._port, requests, connections))
+        wall = time.perf_counter() - started
+        return Served((self._cpu_s() - before) / len(requests), latency, wall)
+
+    def _cpu_s(self) -> float:
+        spent = self._process.cpu_times()
+        return float(spent.user + spent.system)
+
+
+@contextmanager
+def floor_server() -> Iterator[Target]:
+    """The server of `floor_server` as a process of its own."""
+    command = [sys.executable, "-m", "tests.bench.floor_server"]
+    process = subprocess.Popen(command, cwd=ROOT, env=clean_environment(), stdout=subprocess.PIPE, text=True)
+    try:
+        line = process.stdout.readline() if process.stdout else ""
+        target = Target(process.pid, int(line))
+        target.serve([request("GET", "/1")], 1)
+        yield target
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def request(method: str, path: str, body: bytes = b"", **headers: str) -> bytes:
+    """The bytes of a request; underscores in the names of headers become dashes."""
+    lines = [f"{method} {path} HTTP/1.1", "host: localhost", f"content-length: {len(body)}"]
+    lines += [f"{name.replace('_', '-')}: {value}" for name, value in headers.items()]
+    return "\r\n".join([*lines, "", ""]).encode() + body
+
+
+async def _send(port: int, requests: Sequence[bytes], connections: int) -> list[float]:
+    pairs = [await asyncio.open_connection("127.0.0.1", port, limit=1 << 24) for _ in range(connections)]
+    numbers = count()
+    latency = [0.0] * len(requests)
+
+    async def work(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        while (number := next(numbers)) < len(requests):
+            started = time.perf_counter()
+            writer.write(requests[number])
+            await _answer(reader)
+            latency[number] = time.perf_counter() - started
+        writer.close()
+
+    await asyncio.gather(*(work(*pair) for pair in pairs))
+    return latency
+
+
+async def _answer(reader: asyncio.StreamReader) -> None:
+    head = (await reader.readuntil(b"\r\n\r\n")).decode("latin-1").lower()
+    (length,) = (int(line.partition(":")[2]) for line in head.split("\r\n") if line.startswith("content-length:"))
+    body = await reader.readexactly(length)
+    if not head.startswith("http/1.1 2"):
+        raise RuntimeError(f"{head}{body[:2000]!r}")
