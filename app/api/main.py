@@ -1,9 +1,11 @@
 """The API as one ASGI application."""
 
+import os
 from collections.abc import Callable, Mapping
 from http import HTTPStatus
 from typing import Any
 
+from anyio import CapacityLimiter
 from fastapi import FastAPI
 
 from app import __version__
@@ -63,6 +65,8 @@ def create_app(ctx: Context, alive: Mapping[str, Callable[[], bool]] | None = No
     app.state.ctx = ctx
     app.state.alive = alive or {}
     app.state.budget = Budget(ctx.settings.max_parsing_bytes)
+    # Posts that are parsed and judged at once: more threads than processors would only take turns.
+    app.state.parsing = CapacityLimiter(os.cpu_count() or 1)
     app.state.metrics = make_registry(ctx)
     app.add_middleware(RequestMetrics, registry=app.state.metrics)
     errors.install(app)

@@ -1,16 +1,17 @@
 """/locations/{name}/observations"""
 
+import asyncio
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Header, Query, Response
-from starlette.concurrency import run_in_threadpool
+from anyio import to_thread
+from fastapi import APIRouter, Header, Query, Request, Response
 
 from app.api.dependencies import BodyIn, Ctx, Robot
-from app.ingest.observation import ARROW, NPY
+from app.ingest.observation import ARROW, JSON, NPY
 from app.schemas.common import Text
 from app.schemas.observations import Accepted, GridObservations, StateObservations
 from app.services.keys import Principal
-from app.services.observe import Post, observe
+from app.services.observe import Post, begin
 
 router = APIRouter(prefix="/locations/{name}/observations", tags=["observations"])
 
@@ -61,24 +62,25 @@ _BODY: dict[str, Any] = {
 }
 
 
-@router.post("", status_code=201, openapi_extra=_BODY, responses={200: {"model": Accepted}})
+@router.post("", status_code=201, openapi_extra=_BODY, response_model=Accepted, responses={200: {"model": Accepted}})
 async def post(
     name: str,
     robot: Robot,
     body: BodyIn,
     ctx: Ctx,
-    response: Response,
+    request: Request,
     source: Annotated[Text | None, Query(max_length=128, description="The robot's name.")] = None,
     idempotency_key: Annotated[str | None, Header(alias="Idempotency-Key", min_length=1, max_length=255)] = None,
-) -> Accepted:
+) -> Response:
     """Post measurements; answered after their durable commit.
 
     The same Idempotency-Key with the same body again is answered 200 with `duplicate` true; nothing is stored twice.
     """
-    result = await run_in_threadpool(observe, ctx, name, Post(body, source or _name(robot), idempotency_key))
-    if result.duplicate:
-        response.status_code = 200
-    return Accepted.model_validate(result, from_attributes=True)
+    sent = Post(body, source or _name(robot), idempotency_key)
+    pending = await to_thread.run_sync(begin, ctx, name, sent, limiter=request.app.state.parsing)
+    result = await asyncio.wrap_future(pending)
+    content = Accepted.model_validate(result, from_attributes=True).model_dump_json()
+    return Response(content, 200 if result.duplicate else 201, media_type=JSON)
 
 
 def _name(robot: Principal) -> str | None:
