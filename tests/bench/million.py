@@ -1,0 +1,60 @@
+"""A hall of 10^6 cells, a week of five-minute samples each, a tenth of them changing, put into a database directly."""
+
+from collections.abc import Iterator
+from itertools import islice
+from math import prod
+
+import numpy as np
+
+from app.client.encoding import arrow, look
+from app.ingest.observation import ARROW, Body
+from app.schemas.locations import LocationForm
+from app.services.context import Context
+from app.services.locations import create_location, find_location
+from app.services.observe import Post, observe
+from app.spectral.history import History
+from app.spectral.segment import SEGMENT_SAMPLES, Segment
+from app.storage.blobs import pack_segment
+from app.storage.observations import SegmentKey
+from app.storage.records import CHUNK_CELLS
+
+NAME, SHAPE, INTERVAL_S, N_SAMPLES = "hall", (200, 200, 25), 300.0, 2016
+NOISE, EVERY = 0.02, 10
+TIME = np.arange(N_SAMPLES) * INTERVAL_S
+
+
+def make(ctx: Context, shape: tuple[int, ...] = SHAPE, estimator: str = "auto") -> None:
+    """The location with its compacted history, as if looks at all of it had been posted; not yet updated."""
+    grid = {"frame": "map", "origin": [0.0, 0.0, 0.0], "resolution_m": 0.1, "shape": list(shape)}
+    form = {"name": NAME, "kind": "grid3d", "interval_s": INTERVAL_S, "epoch": 0.0, "grid": grid}
+    create_location(ctx, LocationForm(**form, estimator=estimator))
+    place = find_location(ctx, NAME)
+    for some in _groups(_segments(prod(shape)), 32):
+        ctx.store.write(lambda work, some=some: work.observations.compact(place, 0, some))
+    for time in (TIME[0], TIME[-1]):
+        observe(ctx, NAME, Post(Body(arrow(look(time, np.zeros(0, np.uint32), np.array([1]))), ARROW)))
+
+
+def _segments(n_cells: int) -> Iterator[tuple[SegmentKey, bytes]]:
+    for chunk, first in enumerate(range(0, n_cells, CHUNK_CELLS)):
+        history = History.from_states(states(first, min(n_cells, first + CHUNK_CELLS)))
+        yield (chunk, 0), pack_segment(Segment(history.window(0, SEGMENT_SAMPLES), TIME, None))
+
+
+def _groups(items: Iterator[tuple[SegmentKey, bytes]], size: int) -> Iterator[dict[SegmentKey, bytes]]:
+    while some := dict(islice(items, size)):
+        yield some
+
+
+def states(first: int, stop: int) -> np.ndarray:
+    """(stop - first, N_SAMPLES) of some cells: every tenth is occupied for some hours of every day and is seen
+    wrongly now and then; the others are always free, or, every seventh, always occupied."""
+    random = np.random.default_rng(first)
+    cell = np.arange(first, stop)
+    states = np.repeat((cell % 7 == 0).astype(np.uint8)[:, np.newaxis], N_SAMPLES, axis=1)
+    changing = np.flatnonzero(cell % EVERY == 1)
+    hour, n = TIME / 3600 % 24, (changing.size, 1)
+    begin, length = random.uniform(0, 24, n), random.uniform(2, 12, n)
+    wrong = random.random((changing.size, N_SAMPLES), np.float32) < NOISE
+    states[changing] = ((hour - begin) % 24 < length) ^ wrong
+    return states
