@@ -185,11 +185,12 @@ class HistoryMachine(RuleBasedStateMachine):
             return
         place = find_location(self.ctx, self.name)
         for sample in (-4096, 4095, 10**9):
-            state, seen = last_seen(self.ctx, place, sample, np.array(CELLS))
+            found = last_seen(self.ctx, place, sample, np.array(CELLS))
+            assert found.damaged == []
             for i, cell in enumerate(CELLS):
                 before = [n for c, n in self.truth if c == cell and n <= sample]
-                found: Any = (self.truth[cell, max(before)][1], max(before)) if before else (UNOBSERVED, NEVER)
-                assert (state[i], seen[i]) == found
+                latest: Any = (self.truth[cell, max(before)][1], max(before)) if before else (UNOBSERVED, NEVER)
+                assert (found.state[i], found.sample[i]) == latest
 
     @invariant()
     def nothing_is_counted_twice(self) -> None:
