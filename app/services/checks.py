@@ -94,10 +94,12 @@ def _observation(place: LocationRecord, row: Row, where: str, tally: Tally) -> I
         if row.id > place.compacted_seq:
             yield where, "it is pending, but its payload is gone"
         return
-    if row.id <= place.compacted_seq:
-        yield where, "it is both compacted and pending: its payload is still there"
     tally.blobs += 1
-    yield from _unreadable(where, partial(_match_measurements, place, row))
+    damage = list(_unreadable(where, partial(_match_measurements, place, row)))
+    # Compaction leaves the payload of an observation that it cannot read.
+    if row.id <= place.compacted_seq and not damage:
+        yield where, "it is both compacted and pending: its payload is still there"
+    yield from damage
 
 
 def _match_measurements(place: LocationRecord, row: Row) -> None:
@@ -119,26 +121,27 @@ def _idempotency(snapshot: Snapshot, place: LocationRecord, _: Tally) -> Iterato
 def _history(snapshot: Snapshot, place: LocationRecord, tally: Tally) -> Iterator[Wrong]:
     standing: list[int] = []
     for row in snapshot.segments(place.id):
-        where = f"history chunk {row.chunk}, segment {row.segment}"
+        chunk, aside = (row.chunk, "") if row.chunk >= 0 else (-1 - row.chunk, " put aside")
+        where = f"history{aside} chunk {chunk}, segment {row.segment}"
         tally.blobs += 1
-        if not 0 <= row.chunk < place.n_chunks:
+        if chunk >= place.n_chunks:
             yield where, f"the location has {place.n_chunks} chunks"
             continue
-        yield from _unreadable(where, lambda row=row: standing.append(_match_segment(place, row)))  # type: ignore[misc]
+        yield from _unreadable(where, partial(_match_segment, place, chunk, row, standing))
     if sum(standing) > place.measurements:
         yield "history", f"{sum(standing)} measurements stand, but only {place.measurements} were counted"
 
 
-def _match_segment(place: LocationRecord, row: Row) -> int:
-    """How many measurements stand in a segment; ValueError where it contradicts itself, its row or its location."""
+def _match_segment(place: LocationRecord, chunk: int, row: Row, standing: list[int]) -> None:
+    """Adds how many measurements stand; ValueError where a segment contradicts itself, its row or its location."""
     segment = unpack_segment(row.payload, row.segment, "history")
     history = segment.history.check()
-    if history.n_cells != place.chunk_size(row.chunk):
-        raise ValueError(f"it holds {history.n_cells} cells, the chunk has {place.chunk_size(row.chunk)}")
+    if history.n_cells != place.chunk_size(chunk):
+        raise ValueError(f"it holds {history.n_cells} cells, the chunk has {place.chunk_size(chunk)}")
     if segment.rank is not None and segment.rank.shape != (history.n_cells, SEGMENT_SAMPLES):
         raise ValueError("its ranks are not one a cell and sample")
     _match_times(place, segment)
-    return int(history.count_observed().sum())
+    standing.append(int(history.count_observed().sum()))
 
 
 def _match_times(place: LocationRecord, segment: Segment) -> None:

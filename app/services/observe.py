@@ -4,6 +4,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
 
+from app.errors import CorruptChunkError
 from app.events.messages import Message
 from app.ingest.observation import Body, Target, parse
 from app.schemas.anomalies import Event
@@ -75,12 +76,19 @@ def _done(value: Observed) -> Future[Observed]:
 def _judged(
     ctx: Context, place: LocationRecord, measurements: Measurements
 ) -> tuple[LocationRecord, list[AnomalyRecord]]:
-    """The events among the measurements by the current revision, none without one, and the location as it has it."""
+    """The events among the measurements by the current revision, and the location as it has that.
+
+    Without a model nothing is a surprise; that it is damaged does not keep anybody from posting.
+    """
     if not place.revision:
         return place, []
     spectrum = held(ctx, place)
     if spectrum is None:
-        fit = fitted(ctx, place.name)
+        try:
+            fit = fitted(ctx, place.name)
+        except CorruptChunkError as error:
+            ctx.damage.found(place.id, error)
+            return place, []
         place, spectrum = fit.place, fit.spectrum
     return place, judge(place, spectrum, measurements)
 

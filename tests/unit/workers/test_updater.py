@@ -16,13 +16,14 @@ from app.events.messages import Message
 from app.schemas.jobs import Job
 from app.services import jobs as jobs_service
 from app.services.context import Context
+from app.services.history import compact
 from app.services.jobs import cancel_job, claim_job, get_job, list_jobs, request_update
 from app.services.locations import delete_location, find_location, get_location
 from app.services.predict import StateQuery, state_at
 from app.services.update import UpdateRequest
 from app.spectral.recipe import Recipe
 from app.storage.records import JobRecord, LocationRecord, RevisionRecord
-from app.storage.tables import observation
+from app.storage.tables import history
 from app.workers import updater as updater_module
 from app.workers.updater import Updater, is_due
 from tests.support.contexts import NOW, Clock, make_location, opened, post_rows, post_states
@@ -117,8 +118,8 @@ def test_posts_become_a_model_without_anybody_asking(lively: Context, clock: Clo
 def test_an_update_that_fails_is_not_asked_for_all_the_time(lively: Context, clock: Clock) -> None:
     make_location(lively, "door", estimator="fft", order=1)
     post_states(lively, "door", 60.0 * np.arange(60), np.ones(60))
-    row = observation.c.id == 1
-    lively.store.write(lambda work: work.jobs._connection.execute(update(observation).where(row).values(payload=b"")))
+    compact(lively, "door")
+    lively.store.write(lambda work: work.jobs._connection.execute(update(history).values(payload=b"")))
     with working(lively):
         until(lambda: [job for job in list_jobs(lively, None, 9) if job.state == "failed"])
         time.sleep(0.2)
