@@ -253,11 +253,11 @@ class BackupError(TidemapError):
 
 
 class StorageUnavailableError(BusyError):
-    """The database does not take writes now."""
+    """The database cannot be used now."""
 
     code = "storage-unavailable"
     title = "Storage unavailable"
     retry_after_s = 2
 
     def __init__(self) -> None:
-        super().__init__("The database cannot be written now. Send this again in a few seconds; nothing was stored.")
+        super().__init__("The database cannot be used now. Send this again in a few seconds; nothing was stored.")

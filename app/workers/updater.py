@@ -4,7 +4,7 @@ import logging
 import math
 from threading import Event, Thread
 
-from app.errors import ShuttingDownError, TidemapError
+from app.errors import BusyError, ShuttingDownError, StorageUnavailableError, TidemapError
 from app.events.messages import Message
 from app.services.context import Context
 from app.services.history import compact
@@ -62,6 +62,8 @@ class Updater:
                     self._look_around()
             except ShuttingDownError:
                 return
+            except StorageUnavailableError:
+                log.debug("the updater waits for the database")
             except Exception:
                 log.exception("the updater failed and goes on")
             self._wake.wait(self._ctx.settings.updater_interval_s)
@@ -84,6 +86,8 @@ class Updater:
                 return
             try:
                 self._care_for(place, revisions.get(place.id), waiting.get(place.id, 0))
+            except BusyError:
+                raise
             except TidemapError as error:
                 log.warning("location %s: %s", place.name, error)
             except Exception:

@@ -1,0 +1,47 @@
+"""Trouble: whether the database can be used, as the last try showed; the log hears of changes, not of every try."""
+
+import logging
+import sqlite3
+from threading import Lock
+
+from sqlalchemy.exc import DBAPIError
+
+log = logging.getLogger(__name__)
+
+
+class Trouble:
+    """What is wrong with one way of using the database, such as `written`."""
+
+    def __init__(self, used: str) -> None:
+        self._used = used
+        self._lock = Lock()
+        self._reason: str | None = None
+        self._times = 0
+
+    @property
+    def reason(self) -> str | None:
+        """In words for everybody: nothing of the database's address; None when all is well."""
+        return self._reason
+
+    def failed(self, error: DBAPIError) -> None:
+        """The database failed."""
+        with self._lock:
+            first, self._reason = self._reason is None, _words(error)
+            self._times += 1
+        if first:
+            log.error(
+                "the database cannot be %s: %s. Requests are refused with 503 until it can", self._used, error.orig
+            )
+
+    def worked(self) -> None:
+        """The database did what it was asked to."""
+        if self._reason is None:
+            return
+        with self._lock:
+            times, self._times, self._reason = self._times, 0, None
+        log.warning("the database can be %s again, after %d failures", self._used, times)
+
+
+def _words(error: DBAPIError) -> str:
+    """SQLite says what it is; what a server says may name hosts and users."""
+    return str(error.orig) if isinstance(error.orig, sqlite3.Error) else type(error.orig).__name__
