@@ -253,11 +253,14 @@ class BackupError(TidemapError):
 
 
 class StorageUnavailableError(BusyError):
-    """The database cannot be used now."""
+    """The database does not answer now, or not as it should."""
 
     code = "storage-unavailable"
     title = "Storage unavailable"
     retry_after_s = 2
 
     def __init__(self) -> None:
-        super().__init__("The database cannot be used now. Send this again in a few seconds; nothing was stored.")
+        super().__init__(
+            "The database does not answer now. Send this again in a few seconds; "
+            "with its Idempotency-Key a post is stored once, even if its answer got lost."
+        )

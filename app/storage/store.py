@@ -6,12 +6,12 @@ from contextlib import contextmanager
 from typing import TypeVar
 
 from sqlalchemy import Connection, make_url
-from sqlalchemy.exc import DBAPIError, OperationalError
+from sqlalchemy.exc import DBAPIError
 
 from app.errors import DatabaseUnusableError, StorageUnavailableError
 from app.storage.engine import open_reader, open_writer
 from app.storage.migrate import check_version, current_version, migrate
-from app.storage.trouble import Trouble
+from app.storage.trouble import Trouble, means_trouble
 from app.storage.work import Work
 from app.storage.writer import Writer
 
@@ -77,12 +77,14 @@ class Store:
 
     @contextmanager
     def read(self) -> Iterator[Work]:
-        """A unit of work that sees one snapshot and writes nothing. StorageUnavailableError where it cannot."""
+        """A unit of work that sees one snapshot and writes nothing. Raises StorageUnavailableError."""
         try:
             with self._reader.connect() as connection, connection.begin() as transaction:
                 yield Work.on(connection)
                 transaction.rollback()
-        except OperationalError as error:
+        except DBAPIError as error:
+            if not means_trouble(error):
+                raise
             self._reading.failed(error)
             raise StorageUnavailableError from error
         self._reading.worked()

@@ -4,9 +4,14 @@ import logging
 import sqlite3
 from threading import Lock
 
-from sqlalchemy.exc import DBAPIError
+from sqlalchemy.exc import DBAPIError, OperationalError
 
 log = logging.getLogger(__name__)
+
+
+def means_trouble(error: BaseException) -> bool:
+    """Whether the database is away or cannot work, rather than having been asked something wrong."""
+    return isinstance(error, OperationalError) or (isinstance(error, DBAPIError) and error.connection_invalidated)
 
 
 class Trouble:
@@ -29,9 +34,8 @@ class Trouble:
             first, self._reason = self._reason is None, _words(error)
             self._times += 1
         if first:
-            log.error(
-                "the database cannot be %s: %s. Requests are refused with 503 until it can", self._used, error.orig
-            )
+            said = " ".join(str(error.orig).split())
+            log.error("the database cannot be %s: %s. Requests are refused with 503 until it can", self._used, said)
 
     def worked(self) -> None:
         """The database did what it was asked to."""

@@ -10,11 +10,11 @@ from threading import Lock, Thread
 from typing import Any, Generic, TypeVar
 
 from sqlalchemy import Connection, Engine
-from sqlalchemy.exc import DBAPIError, OperationalError
+from sqlalchemy.exc import DBAPIError
 
 from app.errors import QueueFullError, ShuttingDownError, StorageUnavailableError
 from app.storage.counters import take
-from app.storage.trouble import Trouble
+from app.storage.trouble import Trouble, means_trouble
 from app.storage.work import Work
 
 log = logging.getLogger(__name__)
@@ -43,6 +43,8 @@ class Writer:
 
     def submit(self, run: Callable[[Work], Result], then: Callable[[Result], None] | None = None) -> Future[Result]:
         """The future of a write: its result once it is durable, or the error it raised (nothing was stored then).
+
+        StorageUnavailableError alone leaves that open: a connection may be lost after the commit, before its answer.
 
         `then` is called with the result before anybody else gets it, in the writer's thread and so in the order of
         the commits; it should be quick.
@@ -136,12 +138,12 @@ class Writer:
 
     def _failed(self, what: str, error: BaseException) -> None:
         """A change of state where the database is in trouble, one line for what else it says, a trace for the rest."""
-        if isinstance(error, OperationalError):
-            self.trouble.failed(error)
-        elif isinstance(error, DBAPIError):
-            log.error("%s: %s", what, error.orig)
-        else:
+        if not isinstance(error, DBAPIError):
             log.error(what, exc_info=error)
+        elif means_trouble(error):
+            self.trouble.failed(error)
+        else:
+            log.error("%s: %s", what, " ".join(str(error.orig).split()))
 
 
 def _finish(write: _Write[Result], result: Result) -> None:

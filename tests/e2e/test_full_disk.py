@@ -4,7 +4,6 @@ import os
 import resource
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,12 +14,12 @@ import pytest
 
 from tests.support.here import command
 from tests.support.server import ServerProcess, StartServer
+from tests.support.waiting import until
 
 ENV = {"TIDEMAP_VIEWER": "false", "TIDEMAP_UPDATER": "false", "TIDEMAP_UPDATER_INTERVAL_S": "0.1"}
 LARGE = 40_000
 """Measurements of a post that needs some room."""
 REFUSALS = 20
-WAIT_S = 60.0
 
 
 class Disk:
@@ -93,13 +92,6 @@ def ready(running: ServerProcess) -> tuple[int, Any]:
     return answer.status_code, answer.json()["problems"]
 
 
-def wait_until_ready(running: ServerProcess) -> None:
-    deadline = time.monotonic() + WAIT_S
-    while ready(running) != (200, []):
-        assert time.monotonic() < deadline, running.output(20)
-        time.sleep(0.02)
-
-
 def test_posts_are_refused_until_there_is_room_again(server: StartServer, disk: Disk) -> None:
     running = server("--data", str(disk.folder), env=ENV)
     with door(running) as http:
@@ -124,7 +116,7 @@ def test_posts_are_refused_until_there_is_room_again(server: StartServer, disk: 
 
         disk.free(running)
         # By itself: a server that is not ready may get no posts.
-        wait_until_ready(running)
+        until(lambda: ready(running) == (200, []))
         for again in (number, number + 1, 0):
             assert post(http, again).status_code in (200, 201)
         assert http.get("/locations/door").json()["observations"] == (len(stored) + 2) * LARGE
