@@ -6,13 +6,14 @@ from contextlib import contextmanager
 from typing import TypeVar
 
 from sqlalchemy import Connection, make_url
-from sqlalchemy.exc import DBAPIError, OperationalError
+from sqlalchemy.exc import DBAPIError
 
 from app.errors import DatabaseUnusableError, StorageUnavailableError
 from app.storage.engine import open_reader, open_writer
 from app.storage.migrate import check_version, current_version, migrate
+from app.storage.trouble import Trouble, means_trouble
 from app.storage.work import Work
-from app.storage.writer import Writer, say
+from app.storage.writer import Writer
 
 Result = TypeVar("Result")
 
@@ -59,22 +60,11 @@ def usable(url: str) -> Iterator[None]:
         raise DatabaseUnusableError(f"The database {address} cannot be used: {error.orig}") from error
 
 
-@contextmanager
-def _answering() -> Iterator[None]:
-    """Say it in our words when the database is away, or fails."""
-    try:
-        yield
-    except DBAPIError as error:
-        if not (error.connection_invalidated or isinstance(error, OperationalError)):
-            raise
-        say("the database does not answer", error)
-        raise StorageUnavailableError from error
-
-
 class Store:
     """Open with the URL of a migrated database; SchemaVersionError otherwise."""
 
     def __init__(self, url: str, commit_queue: int = 1024, commit_batch: int = 128) -> None:
+        self._reading = Trouble("read")
         self._reader = open_reader(url)
         try:
             with usable(url), self._reader.begin() as connection:
@@ -88,9 +78,16 @@ class Store:
     @contextmanager
     def read(self) -> Iterator[Work]:
         """A unit of work that sees one snapshot and writes nothing. Raises StorageUnavailableError."""
-        with _answering(), self._reader.connect() as connection, connection.begin() as transaction:
-            yield Work.on(connection)
-            transaction.rollback()
+        try:
+            with self._reader.connect() as connection, connection.begin() as transaction:
+                yield Work.on(connection)
+                transaction.rollback()
+        except DBAPIError as error:
+            if not means_trouble(error):
+                raise
+            self._reading.failed(error)
+            raise StorageUnavailableError from error
+        self._reading.worked()
 
     def check_schema(self) -> None:
         """Raise SchemaVersionError where somebody has changed the schema since the start; about 5 ms."""
@@ -105,6 +102,10 @@ class Store:
     def write(self, run: Callable[[Work], Result], then: Callable[[Result], None] | None = None) -> Result:
         """Queue a write and wait until it is durable; `then` as in `Writer.submit`."""
         return self._writer.submit(run, then).result()
+
+    def trouble(self) -> str | None:
+        """Why the database cannot be written, as the last write showed; None when it can."""
+        return self._writer.trouble.reason
 
     def waiting(self) -> int:
         """How many writes wait for the writer."""

@@ -13,6 +13,8 @@ from sqlalchemy import Connection, Engine
 from sqlalchemy.exc import DBAPIError
 
 from app.errors import QueueFullError, ShuttingDownError, StorageUnavailableError
+from app.storage.counters import take
+from app.storage.trouble import Trouble, means_trouble
 from app.storage.work import Work
 
 log = logging.getLogger(__name__)
@@ -35,6 +37,7 @@ class Writer:
         self._engine = engine
         self._batch = batch
         self._queue: Queue[_Write[Any] | None] = Queue(queue_length)
+        self.trouble = Trouble("written")
         self._gate = Lock()
         self._closed = False
         self._thread = Thread(target=self._loop, name="tidemap-writer", daemon=True)
@@ -94,32 +97,39 @@ class Writer:
         return group, False
 
     def _commit(self, group: list[_Write[Any]]) -> None:
-        """Store a group; where one of its writes fails, all of them again, each behind a savepoint.
+        """Settle every future, whatever happens: nobody waits for ever, and this thread goes on."""
+        if self.trouble.reason is not None or not self._commit_together(group):
+            self._commit_apart(group)
 
-        Savepoints cost as much as a small write, and hardly ever one fails.
-        """
+    def _commit_together(self, group: list[_Write[Any]]) -> bool:
+        """Store a group as one; False, and nothing stored, where one of its writes fails, as hardly ever one does."""
         results: list[Any] = []
         try:
             with self._engine.begin() as connection:
                 work = Work.on(connection)
                 results.extend(write.run(work) for write in group)
         except BaseException as error:
-            if len(results) == len(group) or (isinstance(error, DBAPIError) and error.connection_invalidated):
-                # The database is away; where it went away in the commit, whether that was stored is not known.
-                _refuse(group, error)
-            else:
-                self._commit_apart(group)
-            return
-        for write, result in zip(group, results, strict=True):
-            _finish(write, result)
+            lost = isinstance(error, DBAPIError) and error.connection_invalidated
+            if len(results) < len(group) and not lost:
+                return False
+            # After a commit that failed nobody knows whether it is stored: it must not be run again.
+            self._refuse(group, error)
+        else:
+            for write, result in zip(group, results, strict=True):
+                _finish(write, result)
+        return True
 
     def _commit_apart(self, group: list[_Write[Any]], again: bool = True) -> None:
-        """Settle every future, whatever happens: nobody waits for ever, and this thread goes on."""
+        """Store what can be stored of a group, each write behind a savepoint, which costs as much as a small write."""
         try:
             with self._engine.begin() as connection:
                 settle = [self._run(connection, write, again) for write in group]
+                if self.trouble.reason is not None:
+                    # Some writes change nothing; that they succeed does not say that it can be written.
+                    take(connection, "trouble")
+            self.trouble.worked()
         except BaseException as error:
-            _refuse(group, error)
+            self._refuse(group, error)
             return
         for each in settle:
             each()
@@ -137,22 +147,33 @@ class Writer:
         except DBAPIError as error:
             if error.connection_invalidated:
                 raise
-            say("a write was refused by the database", error)
-            savepoint.rollback()
+            try:
+                savepoint.rollback()
+            except DBAPIError:
+                raise error from None
             if again:
                 # Another process may have been in its way: once more, without the locks of a group.
                 return partial(self._commit_apart, [write], again=False)
+            self._failed("a write was refused by the database", error)
             return partial(write.future.set_exception, StorageUnavailableError())
         except BaseException as error:
             savepoint.rollback()
             return partial(write.future.set_exception, error)
         return partial(_finish, write, result)
 
+    def _refuse(self, group: list[_Write[Any]], error: BaseException) -> None:
+        self._failed(f"a group of {len(group)} writes was not stored", error)
+        for write in group:
+            write.future.set_exception(StorageUnavailableError())
 
-def _refuse(group: list[_Write[Any]], error: BaseException) -> None:
-    say(f"a group of {len(group)} writes was not stored", error)
-    for write in group:
-        write.future.set_exception(StorageUnavailableError())
+    def _failed(self, what: str, error: BaseException) -> None:
+        """A change of state where the database is in trouble, one line for what else it says, a trace for the rest."""
+        if not isinstance(error, DBAPIError):
+            log.error(what, exc_info=error)
+        elif means_trouble(error):
+            self.trouble.failed(error)
+        else:
+            log.error("%s: %s", what, " ".join(str(error.orig).split()))
 
 
 def _finish(write: _Write[Result], result: Result) -> None:
@@ -162,11 +183,3 @@ def _finish(write: _Write[Result], result: Result) -> None:
     except BaseException:
         log.exception("what follows a write failed; it is stored all the same")
     write.future.set_result(result)
-
-
-def say(what: str, error: BaseException) -> None:
-    """Log one line for what the database says, the trace for anything else."""
-    if isinstance(error, DBAPIError):
-        log.error("%s: %s", what, " ".join(str(error.orig).split()))
-    else:
-        log.error(what, exc_info=error)

@@ -63,7 +63,7 @@ class Updater:
                 return
             except BusyError as error:
                 self._interrupted = True
-                log.warning("the updater waits: %s", error.title)
+                log.debug("the updater waits: %s", error.title)
             except Exception:
                 self._interrupted = True
                 log.exception("the updater failed and goes on")
@@ -86,6 +86,8 @@ class Updater:
                 return
             try:
                 self._care_for(place, revisions.get(place.id), waiting.get(place.id, 0))
+            except BusyError:
+                raise
             except TidemapError as error:
                 log.warning("location %s: %s", place.name, error)
             except Exception:

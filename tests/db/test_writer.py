@@ -270,7 +270,7 @@ def test_a_lost_connection_fails_a_group_at_most(
     else:
         futures = submit_together(writer, key("a"), lose, *([key("b")] if when == "within" else []))
         assert all(isinstance(future.exception(), StorageUnavailableError) for future in futures)
-        assert "not stored" in caplog.text
+        assert "the database cannot be written" in caplog.text
     assert writer.submit(key("third")).result(WAIT_S) == "third"
     assert names(database_url) == ["first", *(["second"] if when == "between" else []), "third"]
     other.dispose()
@@ -368,7 +368,7 @@ def test_a_lost_connection_fails_one_read(
     with pytest.raises(StorageUnavailableError):
         lose_and_count()
     (said,) = [record.getMessage() for record in caplog.records]
-    assert said.startswith("the database does not answer: ")
+    assert said.startswith("the database cannot be read: ")
     assert "\n" not in said
     with store.read() as work:
         assert work.keys.count() == 0
