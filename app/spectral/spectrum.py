@@ -237,14 +237,24 @@ def concatenate(spectra: Sequence[Spectrum]) -> Spectrum:
     )
 
 
+_WAVE = np.dtype([("gate", np.uint8), ("frequency_hz", np.float64)])
+
+
 def _unite(spectra: Sequence[Spectrum]) -> tuple[NDArray[np.void], NDArray[np.int64]]:
     """The sorted union of the wave tables and where each wave of each table went."""
-    every = np.empty(sum(each.n_waves for each in spectra), [("gate", np.uint8), ("frequency_hz", np.float64)])
-    every["frequency_hz"] = np.concatenate([each.frequency_hz for each in spectra])
-    every["gate"] = np.concatenate([each.gate for each in spectra])
+    tables = [each.frequency_hz.tobytes() + each.gate.tobytes() for each in spectra]
+    # Many chunks have the same table: only what differs is sorted.
+    different = dict(zip(tables, spectra, strict=True))
+    every = np.empty(sum(each.n_waves for each in different.values()), _WAVE)
+    every["frequency_hz"] = np.concatenate([each.frequency_hz for each in different.values()])
+    every["gate"] = np.concatenate([each.gate for each in different.values()])
     waves, inverse = np.unique(every, return_inverse=True)
-    return waves, inverse
+    parts = np.split(inverse, np.cumsum([each.n_waves for each in different.values()])[:-1])
+    went = dict(zip(different, parts, strict=True))
+    return waves, np.concatenate([went[table] for table in tables])
 
 
 def _pad(array: NDArray[Any], order: int) -> NDArray[Any]:
+    if array.shape[1] == order:
+        return array
     return np.pad(array, ((0, 0), (0, order - array.shape[1])))

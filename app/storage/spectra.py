@@ -3,13 +3,20 @@
 import json
 from dataclasses import fields
 
-from sqlalchemy import Connection, delete, func, insert, select, update
+from sqlalchemy import Connection, bindparam, delete, func, insert, select, update
 
 from app.errors import CorruptChunkError
 from app.spectral.spectrum import Spectrum
 from app.storage.blobs import pack_spectrum, unpack_spectrum
 from app.storage.records import LocationRecord, RevisionRecord
 from app.storage.tables import location, revision, spectrum
+
+_CHUNK = select(spectrum.c.payload).where(
+    spectrum.c.location_id == bindparam("place"),
+    spectrum.c.revision == bindparam("number"),
+    spectrum.c.chunk == bindparam("part"),
+)
+"""Built once: loading a large location asks it a thousand times."""
 
 
 class Spectra:
@@ -64,10 +71,7 @@ class Spectra:
 
     def chunk(self, place: LocationRecord, number: int, chunk: int) -> Spectrum:
         """One chunk of a revision. Raises CorruptChunkError where it is missing or damaged."""
-        query = select(spectrum.c.payload).where(
-            spectrum.c.location_id == place.id, spectrum.c.revision == number, spectrum.c.chunk == chunk
-        )
-        payload = self._connection.execute(query).scalar()
+        payload = self._connection.execute(_CHUNK, {"place": place.id, "number": number, "part": chunk}).scalar()
         what = f"spectrum of location {place.name!r}, chunk {chunk}"
         if payload is None:
             raise CorruptChunkError(what, f"it is missing from revision {number}")
