@@ -11,13 +11,20 @@ from numpy.typing import NDArray
 ARROW = "application/vnd.apache.arrow.stream"
 
 
-def encode_table(columns: Mapping[str, Any], metadata: Mapping[str, Any]) -> bytes:
+def encode_table(columns: Mapping[str, Any], metadata: Mapping[str, Any]) -> memoryview:
     """An IPC stream of equally long columns; `metadata` goes into the schema as JSON under `tidemap`."""
     table = pa.table(dict(columns)).replace_schema_metadata({b"tidemap": json.dumps(dict(metadata)).encode()})
-    sink = pa.BufferOutputStream()
+    size = pa.MockOutputStream()
+    _write(size, table)
+    # One block of the right size: a sink that grows would copy what it has again and again.
+    content = pa.allocate_buffer(size.size())
+    _write(pa.FixedSizeBufferWriter(content), table)
+    return memoryview(content)
+
+
+def _write(sink: Any, table: Any) -> None:
     with pa.ipc.new_stream(sink, table.schema) as writer:
         writer.write_table(table)
-    return bytes(sink.getvalue())
 
 
 def nullable(values: NDArray[np.generic], missing: NDArray[np.bool_]) -> Any:

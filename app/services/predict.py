@@ -61,10 +61,10 @@ def state_at(ctx: Context, name: str, query: StateQuery) -> StateView:
     model = fitted(ctx, name, query.estimator, query.order)
     place = model.place
     probability = predict(model.spectrum, query.time, threads=ctx.settings.update_threads)
-    cell = np.flatnonzero(~np.isnan(probability))
+    cell, probability = _known(probability)
     if query.bbox is not None:
-        cell = cell[_box(place, query.bbox, cell)]
-    probability = probability[cell]
+        inside = _box(place, query.bbox, cell)
+        cell, probability = cell[inside], probability[inside]
     confidence = place.confidence if query.confidence is None else query.confidence
     seen = last_seen(ctx, place, int(place.base.sample(query.time)), cell) if query.observed else None
     return StateView(
@@ -83,6 +83,15 @@ def state_at(ctx: Context, name: str, query: StateQuery) -> StateView:
         observed_time=None if seen is None else _start(place, seen.sample),
         unavailable=place.cell_ranges({*model.damage, *(() if seen is None else seen.damaged)}),
     )
+
+
+def _known(probability: NDArray[np.float32]) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """The cells that have been observed, and their probability."""
+    missing = np.isnan(probability)
+    if not missing.any():
+        return np.arange(len(probability)), probability
+    cell = np.flatnonzero(~missing)
+    return cell, probability[cell]
 
 
 def _box(place: LocationRecord, bbox: tuple[float, ...], cell: NDArray[np.int64]) -> NDArray[np.bool_]:

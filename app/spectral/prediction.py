@@ -122,8 +122,9 @@ def verdict(probability: ArrayLike, confidence: ArrayLike) -> NDArray[np.uint8]:
     ['free', 'uncertain', 'occupied']
     """
     p, c = np.asarray(probability), np.asarray(confidence)
-    code = np.where(p < 1 - c, np.uint8(FREE_VERDICT), np.uint8(UNCERTAIN_VERDICT))
-    return np.asarray(np.where(p > c, np.uint8(OCCUPIED_VERDICT), code), np.uint8)
+    occupied, free = np.asarray(p > c), np.asarray(p < 1 - c)
+    uncertain = ~(occupied | free)
+    return np.asarray(uncertain.view(np.uint8) * np.uint8(UNCERTAIN_VERDICT) + occupied.view(np.uint8))
 
 
 def entropy(probability: ArrayLike) -> NDArray[np.float64]:

@@ -59,7 +59,7 @@ def arrow(measurements: Measurements, kind: str = "grid3d") -> Body:
     columns = {"time": measurements.time, "cell": measurements.cell, "state": measurements.state}
     if kind == "state":
         del columns["cell"]
-    return Body(encode_table(columns, {}), ARROW)
+    return Body(bytes(encode_table(columns, {})), ARROW)
 
 
 def post_rows(ctx: Context, name: str, rows: Iterable[Row], **post: Any) -> Observed:

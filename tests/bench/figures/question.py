@@ -1,0 +1,86 @@
+"""question: CPU of a server for the whole state of 10^6 cells as Arrow by HTTP, against the same bytes from memory."""
+
+import tempfile
+from math import prod
+from pathlib import Path
+
+import httpx
+import numpy as np
+
+from app.formats.arrow import ARROW
+from app.schemas.locations import LocationForm
+from app.services.context import Context
+from app.services.locations import create_location, find_location
+from app.spectral.recipe import Recipe
+from app.spectral.spectrum import Spectrum
+from app.storage.records import CHUNK_CELLS, RevisionRecord
+from tests.bench import databases
+from tests.bench.load import Target, floor_server, request
+from tests.bench.timing import Figure, quantile
+from tests.support.contexts import opened
+from tests.support.server import ServerProcess
+
+NAME, SHAPE, EVERY, ORDER, WEEK_S = "hall", (200, 200, 25), 10, 15, 604_800.0
+ENVIRONMENT = {"TIDEMAP_UPDATER": "false", "TIDEMAP_VIEWER": "false", "TIDEMAP_LOG_LEVEL": "warning"}
+QUESTIONS, ROUNDS = 20, 5
+
+
+def measure(shape: tuple[int, ...] = SHAPE, questions: int = QUESTIONS) -> Figure:
+    with databases.sqlite() as url, tempfile.TemporaryDirectory(prefix="tidemap-bench-") as folder:
+        with opened(url) as ctx:
+            prepare(ctx, shape)
+        server = ServerProcess(Path(folder), database_url=url, env=ENVIRONMENT)
+        try:
+            with floor_server() as floor:
+                return _measure(server, floor, questions)
+        finally:
+            server.stop()
+
+
+def prepare(ctx: Context, shape: tuple[int, ...]) -> None:
+    """A location with a revision: a tenth of its cells have 15 components of a week, the others a mean."""
+    grid = {"frame": "map", "origin": [0.0, 0.0, 0.0], "resolution_m": 0.1, "shape": list(shape)}
+    create_location(ctx, LocationForm(name=NAME, kind="grid3d", interval_s=300.0, estimator="fft", order=15, grid=grid))
+    place = find_location(ctx, NAME)
+    random = np.random.default_rng(2)
+    for chunk, first in enumerate(range(0, prod(shape), CHUNK_CELLS)):
+        part = some(random, min(CHUNK_CELLS, prod(shape) - first))
+        ctx.store.write(lambda work, chunk=chunk, part=part: work.spectra.put_chunk(place.id, 1, chunk, part))
+    record = RevisionRecord(place.id, 1, Recipe("fft", ORDER, "UTC"), 0, 2016, 0, 0, None, 0.0, None)
+    ctx.store.write(lambda work: work.spectra.publish(record))
+
+
+def some(random: np.random.Generator, n_cells: int) -> Spectrum:
+    """The spectrum of some cells."""
+    cell = np.arange(0, n_cells, EVERY, dtype=np.int32)
+    parts = random.standard_normal((cell.size, ORDER, 2), np.float32) * np.float32(0.05)
+    return Spectrum(
+        link="identity",
+        origin_s=0.0,
+        time_zone=None,
+        frequency_hz=np.arange(1, 1009) / WEEK_S,
+        gate=np.zeros(1008, np.uint8),
+        mean=random.random(n_cells, np.float32),
+        cell=cell,
+        index=random.integers(0, 1008, (cell.size, ORDER), np.uint16),
+        coefficient=parts.view(np.complex64)[:, :, 0],
+    )
+
+
+def _measure(server: ServerProcess, floor: Target, questions: int) -> Figure:
+    target = Target(server.process.pid, server.port)
+    path = f"/api/v1/locations/{NAME}/state?time={{}}"
+    answer = httpx.get(server.url + path.format(0), headers={"accept": ARROW}, trust_env=False, timeout=60)
+    answer.raise_for_status()
+    least = request("GET", f"/{len(answer.content)}")
+    asked = [request("GET", path.format(1e6 + 777 * i), accept=ARROW) for i in range(questions)]
+    pairs = [(floor.serve([least] * questions, 1), target.serve(asked, 1)) for _ in range(ROUNDS)]
+    cheapest = (min(served.cpu_s for served in column) for column in zip(*pairs, strict=True))
+    floor_ms, cpu_ms = (seconds * 1e3 for seconds in cheapest)
+    latency = [seconds for _, served in pairs for seconds in served.latency_s]
+    details: dict[str, float | int | str] = {
+        "bytes": len(answer.content),
+        "p50_ms": round(quantile(latency, 0.5) * 1e3, 1),
+        "p99_ms": round(quantile(latency, 0.99) * 1e3, 1),
+    }
+    return Figure(cpu_ms, floor_ms, 2.0, "ms CPU/question", details)
