@@ -65,26 +65,41 @@ def request(method: str, path: str, body: bytes = b"", **headers: str) -> bytes:
     return "\r\n".join([*lines, "", ""]).encode() + body
 
 
+class Connection:
+    """One connection that is kept open."""
+
+    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._reader, self._writer = reader, writer
+
+    @classmethod
+    async def open(cls, port: int) -> "Connection":
+        """To a server of this machine."""
+        return cls(*await asyncio.open_connection("127.0.0.1", port, limit=1 << 24))
+
+    async def ask(self, content: bytes) -> None:
+        """Send a request and read its answer. Raises RuntimeError when that is no 2xx."""
+        self._writer.write(content)
+        head = (await self._reader.readuntil(b"\r\n\r\n")).decode("latin-1").lower()
+        (length,) = (int(line.partition(":")[2]) for line in head.split("\r\n") if line.startswith("content-length:"))
+        body = await self._reader.readexactly(length)
+        if not head.startswith("http/1.1 2"):
+            raise RuntimeError(f"{head}{body[:2000]!r}")
+
+    def close(self) -> None:
+        """Hang up."""
+        self._writer.close()
+
+
 async def _send(port: int, requests: Sequence[bytes], connections: int) -> list[float]:
-    pairs = [await asyncio.open_connection("127.0.0.1", port, limit=1 << 24) for _ in range(connections)]
     numbers = count()
     latency = [0.0] * len(requests)
 
-    async def work(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def work(connection: Connection) -> None:
         while (number := next(numbers)) < len(requests):
             started = time.perf_counter()
-            writer.write(requests[number])
-            await _answer(reader)
+            await connection.ask(requests[number])
             latency[number] = time.perf_counter() - started
-        writer.close()
+        connection.close()
 
-    await asyncio.gather(*(work(*pair) for pair in pairs))
+    await asyncio.gather(*[work(await Connection.open(port)) for _ in range(connections)])
     return latency
-
-
-async def _answer(reader: asyncio.StreamReader) -> None:
-    head = (await reader.readuntil(b"\r\n\r\n")).decode("latin-1").lower()
-    (length,) = (int(line.partition(":")[2]) for line in head.split("\r\n") if line.startswith("content-length:"))
-    body = await reader.readexactly(length)
-    if not head.startswith("http/1.1 2"):
-        raise RuntimeError(f"{head}{body[:2000]!r}")

@@ -14,13 +14,13 @@ N_CELLS, N_SAMPLES = 512, 105_120
 RECIPE = Recipe("calendar", time_zone="Europe/London")
 
 
-def year_of_cells() -> History:
+def year_of_cells(n_cells: int = N_CELLS) -> History:
     """Cells that are occupied for a part of every day, with 5 % noise, and unobserved for a tenth of the time."""
     random = np.random.default_rng(1)
     hour = (np.arange(N_SAMPLES) / 12) % 24
-    begin, length = random.uniform(0, 24, (N_CELLS, 1)), random.uniform(2, 12, (N_CELLS, 1))
-    planes = [np.empty((N_CELLS, N_SAMPLES // 8), np.uint8) for _ in range(2)]
-    for cell in range(N_CELLS):
+    begin, length = random.uniform(0, 24, (n_cells, 1)), random.uniform(2, 12, (n_cells, 1))
+    planes = [np.empty((n_cells, N_SAMPLES // 8), np.uint8) for _ in range(2)]
+    for cell in range(n_cells):
         full = ((hour - begin[cell]) % 24 < length[cell]) ^ (random.random(N_SAMPLES, np.float32) < 0.05)
         seen = np.repeat(random.random(N_SAMPLES // 96 + 1) < 0.9, 96)[:N_SAMPLES]
         for plane, bits in zip(planes, (seen, seen & full), strict=True):

@@ -1,0 +1,89 @@
+"""year_update: a server updates 10^4 changing cells, a year of five-minute samples each; floor: reading their rows."""
+
+import sqlite3
+import tempfile
+import time
+import zlib
+from pathlib import Path
+
+import numpy as np
+import zstandard
+
+from app.client import Client
+from app.client.encoding import arrow, look
+from app.ingest.observation import ARROW, Body
+from app.schemas.locations import LocationForm
+from app.services.context import Context
+from app.services.locations import create_location, find_location
+from app.services.observe import Post, observe
+from app.spectral.segment import SEGMENT_SAMPLES, Segment
+from app.storage.blobs import pack_segment
+from app.storage.records import CHUNK_CELLS
+from tests.bench.databases import sqlite
+from tests.bench.figures.year import year_of_cells
+from tests.bench.timing import Figure
+from tests.support.contexts import opened
+from tests.support.memory import memory_mb, peak_memory_mb
+from tests.support.server import ServerProcess
+
+BY_NAME = True
+"""Takes minutes."""
+NAME, SHAPE, INTERVAL_S = "house", (40, 32, 8), 300.0
+ENVIRONMENT = {"TIDEMAP_UPDATER": "false", "TIDEMAP_VIEWER": "false", "TIDEMAP_LOG_LEVEL": "warning"}
+
+
+def measure(shape: tuple[int, int, int] = SHAPE) -> Figure:
+    """The memory is what the server's process takes beyond what it has when it is ready."""
+    with sqlite() as url, tempfile.TemporaryDirectory(prefix="tidemap-bench-") as folder:
+        with opened(url) as ctx:
+            prepare(ctx, shape)
+        floor = read(Path(url.removeprefix("sqlite:///")))
+        server = ServerProcess(Path(folder), database_url=url, env=ENVIRONMENT)
+        try:
+            before = memory_mb(server.process.pid)
+            started = time.perf_counter()
+            with Client(server.url) as client:
+                job = client.location(NAME).update(wait=True)
+                place = client.location(NAME).get()
+            took = time.perf_counter() - started
+            peak = peak_memory_mb(server.process.pid)
+        finally:
+            server.stop()
+    details: dict[str, float | int | str] = {
+        "state": job.state,
+        "cells": int(np.prod(shape)),
+        "samples": int((place.last_time - place.first_time) / INTERVAL_S) + 1 if place.last_time else 0,
+        "peak_mb": round(peak - before),
+        "history_cache_mb": 268,
+    }
+    return Figure(took, floor, 100.0, "s", details)
+
+
+def prepare(ctx: Context, shape: tuple[int, int, int]) -> None:
+    """Every chunk has the same history."""
+    grid = {"frame": "map", "origin": [0.0, 0.0, 0.0], "resolution_m": 0.1, "shape": list(shape)}
+    form = {"name": NAME, "kind": "grid3d", "interval_s": INTERVAL_S, "epoch": 0.0, "grid": grid}
+    create_location(ctx, LocationForm(**form, estimator="calendar"))
+    place = find_location(ctx, NAME)
+    year = year_of_cells(CHUNK_CELLS)
+    for number in range(-(-year.n_samples // SEGMENT_SAMPLES)):
+        start = number * SEGMENT_SAMPLES
+        part = year.window(start, start + SEGMENT_SAMPLES)
+        times = np.arange(start, min(year.n_samples, start + SEGMENT_SAMPLES)) * INTERVAL_S
+        blob = pack_segment(Segment(part, times, None))
+        some = {(chunk, number): blob for chunk in range(place.n_chunks)}
+        ctx.store.write(lambda work, some=some: work.observations.compact(place, 0, some))
+    for time_s in (0.0, (year.n_samples - 1) * INTERVAL_S):
+        observe(ctx, NAME, Post(Body(arrow(look(time_s, np.zeros(0, np.uint32), np.array([1]))), ARROW)))
+
+
+def read(path: Path) -> float:
+    """Seconds to read, check and decompress all rows of the history once."""
+    started = time.perf_counter()
+    connection = sqlite3.connect(path)
+    for (payload,) in connection.execute("SELECT payload FROM history"):
+        frame = memoryview(payload)[5:]
+        zlib.crc32(frame)
+        zstandard.ZstdDecompressor().decompress(frame)
+    connection.close()
+    return time.perf_counter() - started
