@@ -17,8 +17,10 @@ from app.storage.observations import SegmentKey, Tail
 from app.storage.records import CHUNK_CELLS, LocationRecord
 from app.storage.work import Work
 
-COMPACT_MEASUREMENTS = 4_000_000
+COMPACT_MEASUREMENTS = 2_000_000
 """Measurements that one round of compaction takes from the log: what bounds its memory."""
+HELD_MEASUREMENTS = 1_000_000
+"""Measurements of a tail that is unpacked as a whole, and kept for the other chunks."""
 CHUNK_BITS = 1 << 27
 """Cells times samples of a chunk that are held at once: one measurement of 1970 must not fill the memory."""
 
@@ -112,7 +114,7 @@ def _stored(ctx: Context, work: Work, place: LocationRecord, chunk: int, start: 
 
 def _assemble(ctx: Context, work: Work, place: LocationRecord, chunk: int, first: int, last: int) -> History:
     segments = work.observations.segments(place, chunk, first, last)
-    for number, new in _by_segment(place, _of_chunk(_tail(ctx, work, place), chunk)):
+    for number, new in _by_segment(place, _tail(ctx, work, place, chunk)):
         if first <= number <= last:
             before = segments.get(number) or Segment.empty(place.chunk_size(chunk), number)
             segments[number] = merge(before, new, place.base)
@@ -124,10 +126,20 @@ def _assemble(ctx: Context, work: Work, place: LocationRecord, chunk: int, first
     return whole
 
 
-def _tail(ctx: Context, work: Work, place: LocationRecord) -> Measurements:
-    """What is not compacted yet, chunk by chunk."""
+def _tail(ctx: Context, work: Work, place: LocationRecord, chunk: int) -> Measurements:
+    """What is not compacted yet of one chunk, its cells counted from its first."""
     version = (place.compacted_seq, place.observation_seq)
-    return ctx.tails.get(place.id, version, lambda: _readable(ctx, place, work.observations.tail(place)))
+    whole = ctx.tails.held(place.id, version)
+    if whole is None and work.observations.pending(place) <= HELD_MEASUREMENTS:
+        whole = ctx.tails.get(place.id, version, lambda: _readable(ctx, place, work.observations.tail(place)))
+    if whole is not None:
+        return _of_chunk(whole, chunk)
+    # While robots post, a long tail is another one at every question: no more of it is kept than is asked for.
+    cells = np.array([chunk, chunk + 1]) * CHUNK_CELLS
+    tail = work.observations.tail(
+        place, choose=lambda part: part.select((part.cell >= cells[0]) & (part.cell < cells[1]))
+    )
+    return _of_chunk(_readable(ctx, place, tail), chunk)
 
 
 def _readable(ctx: Context, place: LocationRecord, tail: Tail) -> Measurements:
@@ -166,6 +178,7 @@ def compact(ctx: Context, name: str) -> None:
         target = work.locations.get(name).observation_seq
     while _compact_some(ctx, name, target):
         pass
+    ctx.store.write(lambda work: work.observations.give_back())
 
 
 def forget(ctx: Context, name: str) -> None:

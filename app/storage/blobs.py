@@ -9,7 +9,7 @@ from app.spectral.history import History
 from app.spectral.measurements import Measurements
 from app.spectral.segment import SEGMENT_SAMPLES, Segment
 from app.spectral.spectrum import Spectrum
-from app.storage.codec import seal, unseal
+from app.storage.codec import SMALL, seal, unseal
 
 _SPECTRUM = ("frequency_hz", "gate", "mean", "cell", "index", "coefficient")
 """The arrays of a spectrum."""
@@ -96,7 +96,7 @@ def pack_segment(segment: Segment) -> bytes:
     if segment.rank is not None:
         narrow = segment.rank.max(initial=0) < 256
         columns["rank"] = segment.rank.astype(np.uint8 if narrow else np.uint16)
-    return seal(columns)
+    return seal(columns, SMALL)
 
 
 def unpack_segment(blob: bytes, number: int, what: str) -> Segment:

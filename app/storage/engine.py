@@ -63,6 +63,9 @@ def _sqlite(url: URL, begin: str, pool_size: int) -> Engine:
     def _prepare(connection: Any, _record: object) -> None:
         # The driver's own transactions are off: they begin deferred, and writers then fail 'database is locked'.
         connection.isolation_level = None
+        if connection.execute("PRAGMA page_count").fetchone() == (0,):
+            # Before everything else, and it would ask a file that is in use for a lock.
+            connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
         for pragma in _PRAGMAS:
             connection.execute(pragma)
 

@@ -1,6 +1,6 @@
 """The repository of the observation log and of the compacted history."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -28,6 +28,8 @@ from app.storage.blobs import pack_segment, unpack_measurements, unpack_segment
 from app.storage.records import LocationRecord, ObservationRecord
 from app.storage.tables import history, location, observation
 
+GIVEN_BACK = 4096
+"""Pages of the file that are given back at once."""
 SegmentKey = tuple[int, int]
 """(chunk, segment); chunk -1 - n holds what came in for chunk n while its own segment was damaged."""
 
@@ -69,8 +71,13 @@ class Observations:
         self._connection.execute(_APPEND, {"location_id": place.id, "id": number, **vars(record)})
         return int(number)
 
-    def tail(self, place: LocationRecord, most: int | None = None) -> Tail:
-        """The observations that are not compacted yet.
+    def tail(
+        self,
+        place: LocationRecord,
+        most: int | None = None,
+        choose: Callable[[Measurements], Measurements] = lambda every: every,
+    ) -> Tail:
+        """The observations that are not compacted yet; of each what `choose` takes.
 
         With `most`, the earliest of them that hold no more measurements together, but at least one.
         """
@@ -89,10 +96,19 @@ class Observations:
                     break
                 what = f"observation {row.id} of location {place.name!r}"
                 try:
-                    tail.parts.append((row.id, unpack_measurements(row.payload, what)))
+                    tail.parts.append((row.id, choose(unpack_measurements(row.payload, what))))
                 except CorruptChunkError as error:
                     tail.damage[row.id] = error.with_traceback(None)
         return tail
+
+    def pending(self, place: LocationRecord) -> int:
+        """How many measurements of a location are not compacted yet."""
+        query = (
+            select(func.sum(observation.c.measurements))
+            .where(observation.c.location_id == place.id, observation.c.id > place.compacted_seq)
+            .where(observation.c.id <= place.observation_seq)
+        )
+        return int(self._connection.execute(query).scalar() or 0)
 
     def waiting(self) -> dict[int, int]:
         """How many measurements are not compacted yet, by location id; those without any are left out."""
@@ -156,13 +172,30 @@ class Observations:
         for chunk, number in self._asides(place):
             if (-1 - chunk, number) in segments:
                 self._connection.execute(delete(history).where(*_at(place.id, chunk, number)))
-        self._connection.execute(
-            update(observation)
-            .where(observation.c.location_id == place.id, observation.c.id > place.compacted_seq)
-            .where(observation.c.id <= through, observation.c.id.not_in(damaged))
-            .values(payload=None)
-        )
+        self._empty(place, through, damaged)
         return True
+
+    def _empty(self, place: LocationRecord, through: int, damaged: Collection[int]) -> None:
+        """Take the payload out of the compacted part of the log.
+
+        The rows are written anew: SQLite would leave every one that shrank alone on the page it filled before.
+        """
+        part = (observation.c.location_id == place.id) & (observation.c.id > place.compacted_seq)
+        part &= (observation.c.id <= through) & observation.c.id.not_in(damaged)
+        kept = [column for column in observation.c if column is not observation.c.payload]
+        rows = self._connection.execute(select(*kept).where(part)).mappings().all()
+        self._connection.execute(delete(observation).where(part))
+        if rows:
+            self._connection.execute(insert(observation), [dict(row) for row in rows])
+
+    def give_back(self) -> None:
+        """Shorten the file, by 16 MB at most, where more than a quarter of it is free; PostgreSQL does it by itself."""
+        if self._connection.dialect.name != "sqlite":
+            return
+        free, whole = (self._connection.exec_driver_sql(f"PRAGMA {name}").scalar() or 0 for name in _PAGES)
+        for _ in range(min(free, GIVEN_BACK) if free > whole // 4 else 0):
+            # Python's driver stops after the first page of many.
+            self._connection.exec_driver_sql("PRAGMA incremental_vacuum(1)")
 
     def _asides(self, place: LocationRecord) -> list[SegmentKey]:
         """Where something is put aside: nowhere, unless something is damaged."""
@@ -223,3 +256,4 @@ _NUMBER = (
     .returning(location.c.observation_seq)
 )
 _APPEND = insert(observation)
+_PAGES = ("freelist_count", "page_count")

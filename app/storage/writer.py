@@ -13,6 +13,7 @@ from sqlalchemy import Connection, Engine
 from sqlalchemy.exc import DBAPIError
 
 from app.errors import QueueFullError, ShuttingDownError, StorageUnavailableError
+from app.storage.checkpoint import Checkpoints
 from app.storage.counters import take
 from app.storage.trouble import Trouble, means_trouble
 from app.storage.work import Work
@@ -40,6 +41,7 @@ class Writer:
         self.trouble = Trouble("written")
         self._gate = Lock()
         self._closed = False
+        self._checkpoints = Checkpoints(engine)
         self._thread = Thread(target=self._loop, name="tidemap-writer", daemon=True)
         self._thread.start()
 
@@ -80,6 +82,14 @@ class Writer:
             group, open_ = self._next_group()
             if group:
                 self._commit(group)
+                self._care()
+
+    def _care(self) -> None:
+        """What is done between commits and harms none of them when it fails."""
+        try:
+            self._checkpoints.care()
+        except Exception:
+            log.exception("the log file of the database was not shortened")
 
     def _next_group(self) -> tuple[list[_Write[Any]], bool]:
         """The writes that wait, and whether there may be more."""

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from threading import Event
 from typing import Any
 
@@ -383,3 +384,21 @@ def test_a_read_that_fails_leaves_no_connection_behind(store: Store) -> None:
         with pytest.raises(KeyNotFoundError):
             fail()
     assert store._reader.pool.checkedout() == 0  # type: ignore[attr-defined]
+
+
+def test_a_log_file_that_readers_kept_open_is_emptied_when_they_let_go(
+    store: Store, engine: Engine, database_url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    only_on(engine, "sqlite")
+    monkeypatch.setattr("app.storage.checkpoint.MOST_BYTES", 50_000)
+    monkeypatch.setattr("app.storage.checkpoint.PATIENCE_MS", 1)
+    monkeypatch.setattr("app.storage.checkpoint.REST_S", 0.0)
+    log = Path(database_url.removeprefix("sqlite:///") + "-wal")
+    with store.read() as work:
+        work.keys.count()
+        for number in range(20):
+            store.write(key(f"held {number}"))
+        assert log.stat().st_size > 50_000
+    store.write(key("after"))
+    store.write(key("and after its care"))
+    assert log.stat().st_size < 50_000

@@ -26,5 +26,10 @@ def measure() -> Figure:
         choose(one, BASE, time_zone=ZONE)
 
     floor, value, single = interleaved(fits, grid, state, rounds=3)
-    details = {"cells": chosen.cells, "candidates": len(chosen.table), "state_ms": round(single * 1e3, 1)}
+    details = {
+        "cells": chosen.cells,
+        "candidates": len(chosen.table),
+        "ms_per_cell": round(value * 1e3 / chosen.cells, 1),
+        "state_ms": round(single * 1e3, 1),
+    }
     return Figure(value * 1e3, floor * 1e3, 500.0, "ms", details)
