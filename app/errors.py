@@ -203,12 +203,33 @@ class ForbiddenError(TidemapError):
     title = "Not allowed"
 
 
+class OtherSiteError(TidemapError):
+    """A page of another site asks in the name of whoever looks at it."""
+
+    code = "other-site"
+    title = "Another site"
+
+
 class BusyError(TidemapError):
     """The server cannot take this now; the same request may be sent again after `retry_after_s`."""
 
     code = "busy"
     title = "Busy"
     retry_after_s = 1
+
+
+class RateLimitError(BusyError):
+    """More requests than the limit, of one key or from one address."""
+
+    code = "rate-limit"
+    title = "Too many requests"
+
+    def __init__(self, retry_after_s: int) -> None:
+        super().__init__(
+            f"Too many requests came in a short time. Send this again in {retry_after_s} s, and several measurements "
+            "in one post; nothing was stored."
+        )
+        self.retry_after_s = retry_after_s
 
 
 class ShuttingDownError(BusyError):

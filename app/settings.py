@@ -61,6 +61,18 @@ class Settings(BaseSettings):
     )
     future_s: float = Field(3600.0, ge=0, description="How far ahead of the server's clock a measurement may be.")
 
+    # How many requests
+    requests_per_s: float = Field(
+        200.0,
+        ge=0,
+        description="Requests a second of one key, or of one address beyond loopback where no key is needed; more are "
+        "refused (429). 0: no limit. A proxy's clients are told apart where FORWARDED_ALLOW_IPS names the proxy.",
+    )
+    requests_burst: int = Field(1000, gt=0, description="… and at most so many at once.")
+    wrong_keys_per_minute: float = Field(
+        60.0, ge=0, description="Wrong keys a minute from one address; more are not even looked at (429). 0: no limit."
+    )
+
     # Writing
     commit_queue: int = Field(1024, gt=0, description="Writes that may wait for the writer; more are refused (503).")
     commit_batch: int = Field(128, gt=0, description="Most writes in one group commit.")
