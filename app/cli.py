@@ -5,16 +5,17 @@ import json
 import os
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 from pydantic import ValidationError
 
 from app import __version__, log
-from app.errors import TidemapError
+from app.errors import DatabaseUnusableError, SchemaVersionError, TidemapError
 from app.settings import Settings
 
 Command = Callable[[argparse.Namespace], int]
-DONE, FAILED = 0, 1
+DONE, FAILED, WRONG_USAGE = 0, 1, 2
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -53,6 +54,8 @@ def parser() -> argparse.ArgumentParser:
     migrate = commands.add_parser("migrate", help="bring the database to this version's schema")
     _add_database(migrate)
     migrate.set_defaults(command=_migrate)
+    _add_backup(commands)
+    _add_verify(commands)
     _add_keys(commands)
     return whole
 
@@ -73,6 +76,31 @@ def _add_demo(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -
     demo.add_argument("--key", default=os.environ.get("TIDEMAP_KEY"), help="an admin's key (default: TIDEMAP_KEY)")
     demo.add_argument("--no-live", action="store_true", help="end when the three weeks are posted")
     demo.set_defaults(command=_demo)
+
+
+def _add_backup(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    backup = commands.add_parser(
+        "backup",
+        help="copy the embedded database to a file, also while a server is running",
+        description="Copies the embedded database as it is at this moment, also while a server is running on it. "
+        "For PostgreSQL it prints the pg_dump command to use.",
+    )
+    backup.add_argument("file", type=Path, metavar="FILE", help="where the copy goes")
+    backup.add_argument("--overwrite", action="store_true", help="replace FILE if it is there")
+    _add_database(backup)
+    backup.set_defaults(command=_backup)
+
+
+def _add_verify(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    verify = commands.add_parser(
+        "verify",
+        help="check everything stored: every blob, and the history against the log",
+        description="Checks everything stored, also beside a running server, and changes nothing. "
+        "Exit status: 0 nothing wrong, 1 something wrong, 2 the database cannot be opened.",
+    )
+    _add_database(verify)
+    verify.add_argument("--json", action="store_true", help="print one JSON object instead of a line a finding")
+    verify.set_defaults(command=_verify)
 
 
 def _add_keys(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -113,6 +141,52 @@ def _migrate(arguments: argparse.Namespace) -> int:
     migrate_database(settings.url)
     print("The database is up to date.")
     return DONE
+
+
+def _backup(arguments: argparse.Namespace) -> int:
+    from tqdm import tqdm
+
+    from app.storage.backup import back_up, dump_command
+
+    settings, file = _settings(arguments), arguments.file
+    if (dump := dump_command(settings.url, file)) is not None:
+        _failed(f"PostgreSQL is backed up with its own program (set PGPASSWORD if it asks for one):\n{dump}")
+        return WRONG_USAGE
+    if file.exists() and not arguments.overwrite:
+        return _failed(f"{file} is there already; choose another name, or say --overwrite.")
+    # A bar on a terminal and nothing elsewhere.
+    with tqdm(desc="Copying", unit="page", file=sys.stderr, disable=None) as bar:
+
+        def show(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        back_up(settings.url, file, show)
+    print(f"{file}: {file.stat().st_size:,} bytes")
+    return DONE
+
+
+def _verify(arguments: argparse.Namespace) -> int:
+    from app.services.verify import Finding, verify
+
+    findings: list[Finding] = []
+
+    def tell(finding: Finding) -> None:
+        findings.append(finding)
+        if not arguments.json:
+            print(finding, flush=True)
+
+    try:
+        tally = verify(_settings(arguments).url, tell)
+    except (DatabaseUnusableError, SchemaVersionError) as error:
+        _failed(str(error))
+        return WRONG_USAGE
+    if arguments.json:
+        print(json.dumps({**asdict(tally), "findings": [asdict(finding) for finding in findings]}))
+    else:
+        looked_at = f"{tally.locations:,} locations, {tally.blobs:,} blobs, {tally.observations:,} observations"
+        print(f"{looked_at}: {f'{len(findings):,} wrong' if findings else 'nothing wrong'}")
+    return FAILED if findings else DONE
 
 
 def _serve(arguments: argparse.Namespace) -> int:

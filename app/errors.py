@@ -273,6 +273,10 @@ class CorruptChunkError(TidemapError):
     code = "corrupt-chunk"
     title = "Corrupt chunk"
 
+    def __init__(self, what: str, why: str) -> None:
+        super().__init__(f"The stored {what} is corrupt: {why}. Restore it from a backup; the rest is readable.")
+        self.what, self.why = what, why
+
 
 class SchemaVersionError(TidemapError):
     """The database has a schema this version does not know."""
@@ -288,12 +292,22 @@ class DatabaseUnusableError(TidemapError):
     title = "Database unusable"
 
 
+class BackupError(TidemapError):
+    """A backup was not made."""
+
+    code = "backup"
+    title = "No backup made"
+
+
 class StorageUnavailableError(BusyError):
-    """The database does not take writes now."""
+    """The database does not answer now, or not as it should."""
 
     code = "storage-unavailable"
     title = "Storage unavailable"
     retry_after_s = 2
 
     def __init__(self) -> None:
-        super().__init__("The database cannot be written now. Send this again in a few seconds; nothing was stored.")
+        super().__init__(
+            "The database does not answer now. Send this again in a few seconds; "
+            "with its Idempotency-Key a post is stored once, even if its answer got lost."
+        )

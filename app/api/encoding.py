@@ -70,6 +70,7 @@ def _state_facts(view: StateView) -> dict[str, Any]:
         "order": view.order,
         "revision": view.revision,
         "shape": list(view.shape),
+        "unavailable": view.unavailable,
     }
 
 
@@ -111,6 +112,7 @@ def encode_prediction(view: PredictionView) -> Response:
         "state": nulls(view.state),
         "entropy": view.entropy,
         "revision": view.revision,
+        "unavailable": view.unavailable,
     }
     return Response(to_json(content), media_type=JSON)
 

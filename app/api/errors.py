@@ -8,7 +8,6 @@ from typing import Any
 import orjson
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
-from sqlalchemy.exc import OperationalError
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
@@ -52,7 +51,6 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(errors.TidemapError, _domain)
     app.add_exception_handler(RequestValidationError, _validation)
     app.add_exception_handler(HTTPException, _http)
-    app.add_exception_handler(OperationalError, _database)
     app.add_exception_handler(Exception, _unexpected)
 
 
@@ -140,11 +138,6 @@ def _http(request: Request, error: Exception) -> Response:
         instance=request.url.path,
     )
     return problem_response(error.status_code, problem, error.headers)
-
-
-def _database(request: Request, error: Exception) -> Response:
-    log.error("the database failed on %s %s: %s", request.method, request.url.path, error)
-    return _domain(request, errors.StorageUnavailableError())
 
 
 def _unexpected(request: Request, error: Exception) -> Response:

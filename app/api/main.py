@@ -27,6 +27,7 @@ _REASONS = {
     415: "The media type is not read here.",
     422: "Readable but wrong; `errors` names the fields and the mend.",
     429: "Too many requests; try again after `Retry-After` seconds.",
+    500: "What is asked for is stored, and damaged (`corrupt-chunk`); the server's log says more.",
     503: "Shutting down or busy; try again after `Retry-After` seconds.",
 }
 _KINDS = {
@@ -39,6 +40,7 @@ _KINDS = {
     415: "unsupported-media-type",
     422: "invalid-input",
     429: "rate-limit",
+    500: "corrupt-chunk",
     503: "queue-full",
 }
 _SUMMARY = "A map service for robots that live in one place for months."

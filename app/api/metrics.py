@@ -16,21 +16,22 @@ METHODS = frozenset(HTTPMethod)
 """Methods that get a label of their own; a sender may invent as many others as it likes."""
 
 
-class QueueCollector(Collector):
-    """The length of the commit queue, read when asked for."""
+class ContextCollector(Collector):
+    """The commit queue and what is known to be damaged, read when asked for."""
 
     def __init__(self, ctx: Context) -> None:
         self._ctx = ctx
 
     def collect(self) -> Iterable[GaugeMetricFamily]:
-        """One gauge."""
+        """Gauges."""
         yield GaugeMetricFamily("tidemap_commit_queue", "Writes that wait for the writer.", self._ctx.store.waiting())
+        yield GaugeMetricFamily("tidemap_damaged_blobs", "Stored blobs found corrupt.", self._ctx.damage.count())
 
 
 def make_registry(ctx: Context) -> CollectorRegistry:
     """A registry fed by the bus."""
     registry = CollectorRegistry()
-    registry.register(QueueCollector(ctx))
+    registry.register(ContextCollector(ctx))
     measurements = Counter("tidemap_measurements", "Measurements stored.", registry=registry)
     events = Counter("tidemap_events", "Messages by kind.", ["kind"], registry=registry)
 

@@ -8,6 +8,10 @@ from app.schemas.common import Answer, Form, TimeIn, TimeOut, shown
 from app.schemas.locations import Confidence, EstimatorName
 
 Verdict = Literal["occupied", "free", "uncertain"]
+UNAVAILABLE = (
+    "Cells [first, stop) whose stored state is damaged, as the server's log says: they are missing here. "
+    "Empty when all is well."
+)
 
 
 class State(Answer):
@@ -25,6 +29,7 @@ class State(Answer):
     verdict: list[Verdict]
     observed: list[int | None] | None = Field(None, description="As last seen at that time (`observed=true`).")
     observed_time: list[float | None] | None = None
+    unavailable: list[tuple[int, int]] = Field(description=UNAVAILABLE)
 
 
 class PredictForm(Form):
@@ -49,6 +54,7 @@ class Prediction(Answer):
     state: list[list[int | None]]
     entropy: list[list[float | None]]
     revision: int
+    unavailable: list[tuple[int, int]] = Field(description=UNAVAILABLE)
 
 
 class Series(Answer):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.errors import InvalidInputError, refuse_reversed
+from app.errors import CorruptChunkError, InvalidInputError, refuse_reversed
 from app.schemas.anomalies import Event
 from app.services.context import Context
 from app.services.history import read_history, window
@@ -130,7 +130,8 @@ class DetectQuery:
 def detect(ctx: Context, name: str, query: DetectQuery) -> tuple[list[Event], int]:
     """The events of the history and the revision they were judged by; nothing is stored.
 
-    Raises LocationNotFoundError, NoModelError, InvalidInputError.
+    Chunks that are damaged are left out.
+    Raises LocationNotFoundError, NoModelError, InvalidInputError, CorruptChunkError where there is one chunk only.
     """
     refuse_reversed(query.start, query.stop)
     model = fitted(ctx, name, query.estimator, query.order)
@@ -142,11 +143,15 @@ def detect(ctx: Context, name: str, query: DetectQuery) -> tuple[list[Event], in
     parts: list[Marks] = []
     found = 0
     for chunk in range(place.n_chunks):
-        for part in _search(ctx, model, chunk, start, stop, criterion):
-            parts.append(part)
-            found += len(part.cell)
-            if found > MAX_MARKS:
-                raise InvalidInputError.at("stop", "more than two million anomalous cells; search a shorter time")
+        try:
+            for part in _search(ctx, model, chunk, start, stop, criterion):
+                parts.append(part)
+                found += len(part.cell)
+                if found > MAX_MARKS:
+                    raise InvalidInputError.at("stop", "more than two million anomalous cells; search a shorter time")
+        except CorruptChunkError:
+            if place.n_chunks == 1:
+                raise
     marks = _joined(parts)
     return [wire(place, event) for event in group(place, marks, criterion)], model.revision.revision
 

@@ -1,12 +1,14 @@
 """Context: what every use case works on."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+from app.errors import CorruptChunkError
 from app.events.bus import Bus
 from app.services.caches import ByteCache
+from app.services.damage import Damage
 from app.settings import Settings
 from app.spectral.history import History
 from app.spectral.measurements import Measurements
@@ -14,16 +16,25 @@ from app.spectral.spectrum import Spectrum
 from app.storage.store import Store
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Loaded:
+    """A spectrum of all cells of a location; those of the chunks in `damage` are blank, as if never observed."""
+
+    spectrum: Spectrum
+    damage: Mapping[int, CorruptChunkError]
+
+
 @dataclass(frozen=True, slots=True)
 class Context:
-    """The store, the bus and the caches of one process. `clock` gives Unix seconds."""
+    """The store, the bus, the caches and the known damage of one process. `clock` gives Unix seconds."""
 
     settings: Settings
     store: Store
     bus: Bus
-    spectra: ByteCache[Spectrum]
+    spectra: ByteCache[Loaded]
     histories: ByteCache[History]
     tails: ByteCache[Measurements]
+    damage: Damage
     clock: Callable[[], float]
 
 
@@ -36,9 +47,10 @@ def open_context(settings: Settings, clock: Callable[[], float] = time.time) -> 
             settings,
             store,
             Bus(),
-            ByteCache(settings.spectrum_cache_bytes, spectrum_bytes),
+            ByteCache(settings.spectrum_cache_bytes, lambda value: spectrum_bytes(value.spectrum)),
             ByteCache(settings.history_cache_bytes, lambda value: value.observed.nbytes + value.occupied.nbytes),
             ByteCache(settings.history_cache_bytes // 4, lambda value: 13 * len(value)),
+            Damage(),
             clock,
         )
     finally:

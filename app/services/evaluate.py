@@ -7,7 +7,7 @@ from operator import attrgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from app.errors import InvalidInputError, refuse_reversed
+from app.errors import CorruptChunkError, InvalidInputError, refuse_reversed
 from app.schemas.maps import Best, EvaluateForm, Evaluation, EvaluationRow, ReliabilityRow
 from app.services.context import Context
 from app.services.history import read_history, window
@@ -41,7 +41,8 @@ class _Trial:
 def evaluate(ctx: Context, name: str, form: EvaluateForm) -> Evaluation:
     """Scores per estimator and order; the spectra are fitted on the revision's window or the one asked for.
 
-    Raises LocationNotFoundError, NoModelError, InvalidInputError.
+    Chunks that are damaged are left out.
+    Raises LocationNotFoundError, NoModelError, InvalidInputError, CorruptChunkError where there is one chunk only.
     """
     refuse_reversed(form.start, form.stop)
     place, revision = current_revision(ctx, name)
@@ -99,8 +100,13 @@ def _trials(
     step = max(1, place.n_cells * (stop - start) * len(candidates) // MAX_VALUES)
     for chunk in range(place.n_chunks):
         cells = np.arange(chunk % step, place.chunk_size(chunk), step)
-        states = read_history(ctx, place.name, chunk, start, stop).cells(cells).states()
-        past = read_history(ctx, place.name, chunk, train.start, train.stop).cells(cells)
+        try:
+            states = read_history(ctx, place.name, chunk, start, stop).cells(cells).states()
+            past = read_history(ctx, place.name, chunk, train.start, train.stop).cells(cells)
+        except CorruptChunkError:
+            if place.n_chunks == 1:
+                raise
+            continue
         yield trial(past, place.base.time(np.arange(start, stop)), states)
 
 

@@ -1,17 +1,19 @@
 """The history of locations: reading it (compacted segments and the log's tail together) and compacting the log."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from app.errors import CorruptChunkError
 from app.services.context import Context
 from app.spectral.history import NEVER, UNOBSERVED, History
 from app.spectral.measurements import Measurements
 from app.spectral.segment import SEGMENT_SAMPLES, Segment, merge
 from app.storage.blobs import pack_segment
-from app.storage.observations import SegmentKey
+from app.storage.observations import SegmentKey, Tail
 from app.storage.records import CHUNK_CELLS, LocationRecord
 from app.storage.work import Work
 
@@ -51,13 +53,21 @@ def read_cell(ctx: Context, place: LocationRecord, cell: int, start: int, stop: 
     return read_history(ctx, place.name, cell // CHUNK_CELLS, start, stop).cells(np.array([cell % CHUNK_CELLS]))
 
 
-def last_seen(
-    ctx: Context, place: LocationRecord, sample: int, cells: NDArray[np.int64]
-) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
-    """State and sample of the latest measurement at or before `sample`, of some cells (ascending).
+@dataclass(frozen=True, slots=True, eq=False)
+class LastSeen:
+    """state (n,) uint8 and sample (n,) int64: UNOBSERVED and NEVER where there is none, or its chunk is damaged."""
 
-    UNOBSERVED and NEVER where there is none. Reads segments backwards, as far as some cell has not been found.
+    state: NDArray[np.uint8]
+    sample: NDArray[np.int64]
+    damaged: list[int]
+
+
+def last_seen(ctx: Context, place: LocationRecord, sample: int, cells: NDArray[np.int64]) -> LastSeen:
+    """The latest measurement at or before `sample`, of some cells (ascending).
+
+    Reads segments backwards, as far as some cell has not been found.
     """
+    damaged = []
     state = np.full(len(cells), UNOBSERVED, np.uint8)
     seen = np.full(len(cells), NEVER, np.int64)
     start, stop = window(ctx, place)
@@ -65,13 +75,17 @@ def last_seen(
     for chunk in np.flatnonzero(np.diff(borders)).tolist():
         missing = np.arange(borders[chunk], borders[chunk + 1])
         end = min(sample + 1, stop)
-        while end > start and len(missing):
-            begin = max(start, (end - 1) // SEGMENT_SAMPLES * SEGMENT_SAMPLES)
-            found, at = _read_known(ctx, place, chunk, begin, end).last_seen(sample)
-            local = cells[missing] - chunk * CHUNK_CELLS
-            state[missing], seen[missing] = found[local], at[local]
-            missing, end = missing[seen[missing] == NEVER], begin
-    return state, seen
+        try:
+            while end > start and len(missing):
+                begin = max(start, (end - 1) // SEGMENT_SAMPLES * SEGMENT_SAMPLES)
+                found, at = _read_known(ctx, place, chunk, begin, end).last_seen(sample)
+                local = cells[missing] - chunk * CHUNK_CELLS
+                state[missing], seen[missing] = found[local], at[local]
+                missing, end = missing[seen[missing] == NEVER], begin
+        except CorruptChunkError:
+            damaged.append(chunk)
+            state[missing] = UNOBSERVED
+    return LastSeen(state, seen, damaged)
 
 
 def _read_known(ctx: Context, place: LocationRecord, chunk: int, start: int, stop: int) -> History:
@@ -89,7 +103,11 @@ def _stored(ctx: Context, work: Work, place: LocationRecord, chunk: int, start: 
     first, last = start // SEGMENT_SAMPLES, (stop - 1) // SEGMENT_SAMPLES
     version = (place.compacted_seq, place.observation_seq)
     load = partial(_assemble, ctx, work, place, chunk, first, last)
-    return ctx.histories.get((place.id, chunk, first, last), version, load)
+    try:
+        return ctx.histories.get((place.id, chunk, first, last), version, load)
+    except CorruptChunkError as error:
+        ctx.damage.found(place.id, error)
+        raise
 
 
 def _assemble(ctx: Context, work: Work, place: LocationRecord, chunk: int, first: int, last: int) -> History:
@@ -109,7 +127,14 @@ def _assemble(ctx: Context, work: Work, place: LocationRecord, chunk: int, first
 def _tail(ctx: Context, work: Work, place: LocationRecord) -> Measurements:
     """What is not compacted yet, chunk by chunk."""
     version = (place.compacted_seq, place.observation_seq)
-    return ctx.tails.get(place.id, version, lambda: _by_chunk([part for _, part in work.observations.tail(place)]))
+    return ctx.tails.get(place.id, version, lambda: _readable(ctx, place, work.observations.tail(place)))
+
+
+def _readable(ctx: Context, place: LocationRecord, tail: Tail) -> Measurements:
+    """What can be read of a part of the log, chunk by chunk; what cannot is told of."""
+    for error in tail.damage.values():
+        ctx.damage.found(place.id, error)
+    return _by_chunk([part for _, part in tail.parts])
 
 
 def _by_chunk(parts: list[Measurements]) -> Measurements:
@@ -161,17 +186,23 @@ def _compact_some(ctx: Context, name: str, target: int) -> bool:
         place = work.locations.get(name)
         if place.compacted_seq >= target:
             return False
-        parts = work.observations.tail(place, COMPACT_MEASUREMENTS)
-        through = parts[-1][0]
-        merged = dict(_merge_all(work, place, _by_chunk([part for _, part in parts])))
-    ctx.store.write(lambda work: work.observations.compact(place, through, merged))
+        tail = work.observations.tail(place, COMPACT_MEASUREMENTS)
+        merged = dict(_merge_all(ctx, work, place, _readable(ctx, place, tail)))
+    ctx.store.write(lambda work: work.observations.compact(place, tail.through, merged, tail.damage))
     return True
 
 
-def _merge_all(work: Work, place: LocationRecord, measurements: Measurements) -> Iterator[tuple[SegmentKey, bytes]]:
+def _merge_all(
+    ctx: Context, work: Work, place: LocationRecord, measurements: Measurements
+) -> Iterator[tuple[SegmentKey, bytes]]:
     """The segments that the measurements (sorted by chunk) change, packed; one at a time is held unpacked."""
     for chunk in np.unique(measurements.cell // np.uint32(CHUNK_CELLS)).tolist():
         for number, new in _by_segment(place, _of_chunk(measurements, chunk)):
-            before = work.observations.segments(place, chunk, number, number).get(number)
+            try:
+                key, before = (chunk, number), work.observations.segments(place, chunk, number, number).get(number)
+            except CorruptChunkError as error:
+                # Its bytes stay as they are, for whoever can mend them; what is new is kept beside them.
+                ctx.damage.found(place.id, error)
+                key, before = (-1 - chunk, number), work.observations.put_aside(place, chunk, number)
             segment = before or Segment.empty(place.chunk_size(chunk), number)
-            yield (chunk, number), pack_segment(merge(segment, new, place.base))
+            yield key, pack_segment(merge(segment, new, place.base))

@@ -10,7 +10,6 @@ from app.errors import (
     BusyError,
     JobFinishedError,
     JobNotFoundError,
-    ShuttingDownError,
     TidemapError,
     refuse_reversed,
 )
@@ -68,15 +67,15 @@ def claim_job(ctx: Context, busy: frozenset[int]) -> JobRecord | None:
 
 
 def requeue_interrupted(ctx: Context) -> None:
-    """Jobs that a stopped process left running run again."""
+    """Jobs that are said to be running, though nobody runs them, run again."""
     ctx.store.write(lambda work: work.jobs.requeue_running())
 
 
 def run_job(ctx: Context, record: JobRecord, executor: Executor) -> None:
-    """Run a claimed job to its end, whatever that is. ShuttingDownError leaves it running, to run again later."""
+    """Run a claimed job to its end, whatever that is. BusyError leaves it running, to run again later."""
     try:
         revision = run_update(ctx, record.location, UpdateRequest(**record.request), executor, _reporter(ctx, record))
-    except ShuttingDownError:
+    except BusyError:
         raise
     except TidemapError as error:
         _finish(ctx, record, state="failed", error=str(error))

@@ -52,7 +52,7 @@ def change_location(ctx: Context, name: str, form: LocationPatch) -> Location:
 
 def delete_location(ctx: Context, name: str) -> None:
     """With all that belongs to it. Raises LocationNotFoundError."""
-    ctx.store.write(lambda work: work.locations.delete(name))
+    ctx.damage.forget(ctx.store.write(lambda work: work.locations.delete(name)))
 
 
 def find_location(ctx: Context, name: str) -> LocationRecord:

@@ -20,11 +20,12 @@ from app.storage.records import LocationRecord
 def model_of(ctx: Context, name: str, cell: int = 0, order: int | None = None) -> Model:
     """Spectrum and outliers of a cell, at another order where asked (nothing is stored).
 
-    Raises LocationNotFoundError, NoModelError, CellNotFoundError.
+    Raises LocationNotFoundError, NoModelError, CellNotFoundError, CorruptChunkError.
     """
     fit = fitted(ctx, name, None, order)
     place = fit.place
     check_cell(place, cell)
+    fit.check_readable([cell])
     history = read_cell(ctx, place, cell, *window(ctx, place))
     spectrum = select(fit.spectrum, np.array([cell]))
     outliers = find_outliers(spectrum, history, place.base)

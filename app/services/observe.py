@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from functools import cached_property, partial
 
+from app.errors import CorruptChunkError
 from app.events.messages import Message
 from app.ingest.observation import Body, Target, parse
 from app.schemas.anomalies import Event
@@ -61,13 +62,24 @@ def observe(ctx: Context, name: str, post: Post) -> Observed:
             return _duplicate(place)
     target = Target(place.kind, place.cells, ctx.clock() + ctx.settings.future_s)
     measurements = parse(post.body, target)
-    events = judge(ctx, fitted(ctx, name), measurements) if place.revision and len(measurements) else []
+    events = _judged(ctx, place, measurements)
     record = _record(ctx, post, measurements)
     # Told in the order of the commits: who resumes behind the last event it heard of has missed none.
     stored = ctx.store.write(lambda work: _store(work, place, post, record, events), partial(_tell, ctx))
     if stored is None:
         return _duplicate(place)
     return Observed(record.measurements, False, record.first_time, record.last_time, stored.events, place.revision)
+
+
+def _judged(ctx: Context, place: LocationRecord, measurements: Measurements) -> list[AnomalyRecord]:
+    """Without a model nothing is a surprise; that it is damaged does not keep anybody from posting."""
+    if not place.revision or not len(measurements):
+        return []
+    try:
+        return judge(ctx, fitted(ctx, place.name), measurements)
+    except CorruptChunkError as error:
+        ctx.damage.found(place.id, error)
+        return []
 
 
 def _known(work: Work, place: LocationRecord, post: Post) -> bool:

@@ -32,6 +32,7 @@ class StateView:
 
     verdict: 0 free, 1 occupied, 2 uncertain. observed: as last seen at that time, 2 where never before;
     observed_time: start of that sample, NaN where never before. Both None unless asked for.
+    unavailable: ranges [first, stop) of cells whose blobs are damaged: these are left out, or lack what was last seen.
     """
 
     location_id: int
@@ -47,6 +48,7 @@ class StateView:
     verdict: NDArray[np.uint8]
     observed: NDArray[np.uint8] | None
     observed_time: NDArray[np.float64] | None
+    unavailable: list[tuple[int, int]]
 
     @property
     def n_cells(self) -> int:
@@ -64,7 +66,7 @@ def state_at(ctx: Context, name: str, query: StateQuery) -> StateView:
         cell = cell[_box(place, query.bbox, cell)]
     probability = probability[cell]
     confidence = place.confidence if query.confidence is None else query.confidence
-    seen, seen_time = _last_seen(ctx, place, query.time, cell) if query.observed else (None, None)
+    seen = last_seen(ctx, place, int(place.base.sample(query.time)), cell) if query.observed else None
     return StateView(
         location_id=place.id,
         time=query.time,
@@ -77,8 +79,9 @@ def state_at(ctx: Context, name: str, query: StateQuery) -> StateView:
         probability=probability,
         state=state(probability, confidence),
         verdict=verdict(probability, confidence),
-        observed=seen,
-        observed_time=seen_time,
+        observed=None if seen is None else seen.state,
+        observed_time=None if seen is None else _start(place, seen.sample),
+        unavailable=place.cell_ranges({*model.damage, *(() if seen is None else seen.damaged)}),
     )
 
 
@@ -88,18 +91,17 @@ def _box(place: LocationRecord, bbox: tuple[float, ...], cell: NDArray[np.int64]
     return place.grid.inside(bbox, cell)
 
 
-def _last_seen(
-    ctx: Context, place: LocationRecord, time: float, cell: NDArray[np.int64]
-) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
-    """State and time of the latest measurement at or before `time`, for some cells."""
-    state_of, sample_of = last_seen(ctx, place, int(place.base.sample(time)), cell)
-    times = np.where(sample_of == NEVER, np.nan, place.base.time(np.where(sample_of == NEVER, 0, sample_of)))
-    return state_of, times
+def _start(place: LocationRecord, sample: NDArray[np.int64]) -> NDArray[np.float64]:
+    """The times of samples, NaN for NEVER."""
+    return np.where(sample == NEVER, np.nan, place.base.time(np.where(sample == NEVER, 0, sample)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PredictionView:
-    """time (n_t,), cell (n_c,); probability, state and entropy (n_c, n_t), NaN and 2 where never observed."""
+    """time (n_t,), cell (n_c,); probability, state and entropy (n_c, n_t), NaN and 2 where never observed.
+
+    unavailable: ranges [first, stop) of cells whose spectrum is damaged: they look as if never observed.
+    """
 
     time: NDArray[np.float64]
     cell: NDArray[np.int64]
@@ -108,6 +110,7 @@ class PredictionView:
     state: NDArray[np.uint8]
     entropy: NDArray[np.float64]
     revision: int
+    unavailable: list[tuple[int, int]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +125,11 @@ class PredictQuery:
 
 
 def predict_at(ctx: Context, name: str, query: PredictQuery) -> PredictionView:
-    """Raises LocationNotFoundError, NoModelError, CellNotFoundError, InvalidInputError when it asks for too much."""
+    """Of all cells those that are unavailable look as if never observed; to name one of them is an error.
+
+    Raises LocationNotFoundError, NoModelError, CellNotFoundError, CorruptChunkError, InvalidInputError when it asks for
+    too much.
+    """
     model = fitted(ctx, name, query.estimator, query.order)
     cell = _cells(model, query.cell)
     n_points = len(cell) * len(query.time)
@@ -141,6 +148,7 @@ def predict_at(ctx: Context, name: str, query: PredictQuery) -> PredictionView:
         _state_or_unknown(probability, confidence),
         entropy(probability),
         model.revision.revision,
+        model.unavailable,
     )
 
 
@@ -150,6 +158,7 @@ def _cells(model: Fitted, cells: list[int] | None) -> NDArray[np.int64]:
         return np.arange(n_cells)
     for cell in cells:
         check_cell(model.place, cell)
+    model.check_readable(cells)
     return np.asarray(cells, np.int64)
 
 
@@ -186,7 +195,7 @@ def series(
     """One cell over [start, stop), by default all of its history at every sample.
 
     Without a model the probability is NaN and the revision 0. Raises LocationNotFoundError, CellNotFoundError,
-    InvalidInputError.
+    CorruptChunkError, InvalidInputError.
     """
     with ctx.store.read() as work:
         place = work.locations.get(name)
@@ -199,6 +208,7 @@ def series(
     revision = 0
     if place.revision:
         model = fitted(ctx, name)
+        model.check_readable([cell])
         probability, revision = (
             predict_times(model.spectrum, time, np.array([cell]))[0],
             model.revision.revision,

@@ -1,30 +1,50 @@
 """The spectrum that answers a question: the stored one, or one refitted on its window at another order."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from app.errors import CorruptChunkError, NoModelError
-from app.services.context import Context
+from app.services.context import Context, Loaded
 from app.services.history import read_history, window
 from app.spectral.model import fit_part
 from app.spectral.recipe import ORDER, Recipe
-from app.spectral.spectrum import Spectrum, concatenate, truncate
-from app.storage.records import LocationRecord, RevisionRecord
+from app.spectral.spectrum import Spectrum, blank, concatenate, truncate
+from app.storage.records import CHUNK_CELLS, LocationRecord, RevisionRecord
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fitted:
-    """A spectrum of all cells of a location and the revision it came from."""
+    """A spectrum of all cells of a location and the revision it came from.
+
+    Cells of the chunks in `damage` look as if never observed.
+    """
 
     place: LocationRecord
     revision: RevisionRecord
     spectrum: Spectrum
+    damage: Mapping[int, CorruptChunkError]
+
+    @property
+    def unavailable(self) -> list[tuple[int, int]]:
+        """Ranges [first, stop) of the cells whose spectrum is damaged, ascending."""
+        return self.place.cell_ranges(self.damage)
+
+    def check_readable(self, cells: ArrayLike) -> None:
+        """Raises CorruptChunkError where one of the cells is unavailable."""
+        for chunk in np.unique(np.asarray(cells, np.int64) // CHUNK_CELLS).tolist() if self.damage else ():
+            if (error := self.damage.get(chunk)) is not None:
+                raise CorruptChunkError(error.what, error.why)
 
 
 def fitted(ctx: Context, name: str, estimator: str | None = None, order: int | None = None) -> Fitted:
     """The spectrum of the current revision, at another order or by another estimator where asked.
 
-    Raises LocationNotFoundError, NoModelError. A refit reads the window's history; its result is cached.
+    Raises LocationNotFoundError, NoModelError, CorruptChunkError where no chunk of it can be read. A refit reads the
+    window's history; its result is cached.
     """
     place, revision = current_revision(ctx, name)
     while True:
@@ -32,13 +52,15 @@ def fitted(ctx: Context, name: str, estimator: str | None = None, order: int | N
         key = (place.id, wanted.recipe)
         load = partial(_load, ctx, place, revision, wanted)
         try:
-            return Fitted(place, wanted, ctx.spectra.get(key, revision.revision, load))
+            loaded = ctx.spectra.get(key, revision.revision, load)
         except CorruptChunkError:
             before = revision
             place, revision = current_revision(ctx, name)
             if revision.revision == before.revision:
                 raise
             # An update took its place, and its chunks away, before they were loaded.
+        else:
+            return Fitted(place, wanted, loaded.spectrum, loaded.damage)
 
 
 def current_revision(ctx: Context, name: str) -> tuple[LocationRecord, RevisionRecord]:
@@ -71,20 +93,37 @@ DEFAULT_ORDER = {"fft": 3, "calendar": ORDER}
 """Order of another estimator than the revision's when none is asked for; of `fft` the paper's best for prediction."""
 
 
-def _load(ctx: Context, place: LocationRecord, stored: RevisionRecord, wanted: RevisionRecord) -> Spectrum:
+def _load(ctx: Context, place: LocationRecord, stored: RevisionRecord, wanted: RevisionRecord) -> Loaded:
     if wanted.recipe == stored.recipe:
         return _stored(ctx, place, stored)
     if wanted.estimator == stored.estimator == "fft" and wanted.order < stored.order:
-        return truncate(_stored(ctx, place, stored), wanted.order)
+        whole = _stored(ctx, place, stored)
+        return Loaded(truncate(whole.spectrum, wanted.order), whole.damage)
     known, part = window(ctx, place), (stored.start, stored.stop)
-    return concatenate(
-        [
-            fit_part(read_history(ctx, place.name, chunk, *known), wanted.recipe, place.base, part)
-            for chunk in range(place.n_chunks)
-        ]
-    )
+
+    def fit(chunk: int) -> Spectrum:
+        return fit_part(read_history(ctx, place.name, chunk, *known), wanted.recipe, place.base, part)
+
+    return _whole(ctx, place, fit)
 
 
-def _stored(ctx: Context, place: LocationRecord, revision: RevisionRecord) -> Spectrum:
+def _stored(ctx: Context, place: LocationRecord, revision: RevisionRecord) -> Loaded:
     with ctx.store.read() as work:
-        return concatenate([work.spectra.chunk(place, revision.revision, chunk) for chunk in range(place.n_chunks)])
+        return _whole(ctx, place, lambda chunk: work.spectra.chunk(place, revision.revision, chunk))
+
+
+def _whole(ctx: Context, place: LocationRecord, read: Callable[[int], Spectrum]) -> Loaded:
+    """The spectra of all chunks as one, blank where a chunk is damaged. CorruptChunkError where all are."""
+    parts: dict[int, Spectrum] = {}
+    damage: dict[int, CorruptChunkError] = {}
+    for chunk in range(place.n_chunks):
+        try:
+            parts[chunk] = read(chunk)
+        except CorruptChunkError as error:
+            damage[chunk] = error.with_traceback(None)
+    if not parts:
+        raise damage[0]
+    for chunk, found in damage.items():
+        ctx.damage.found(place.id, found)
+        parts[chunk] = blank(next(iter(parts.values())), place.chunk_size(chunk))
+    return Loaded(concatenate([parts[chunk] for chunk in range(place.n_chunks)]), damage)

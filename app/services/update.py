@@ -6,7 +6,7 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from app.errors import InvalidInputError
+from app.errors import CorruptChunkError, InvalidInputError
 from app.services.context import Context
 from app.services.history import compact, forget, read_history, window
 from app.spectral.history import History
@@ -59,20 +59,27 @@ class Plan:
 def run_update(
     ctx: Context, name: str, request: UpdateRequest, executor: Executor, progress: Callable[[float], None]
 ) -> RevisionRecord:
-    """A new revision, visible once its last chunk is stored.
+    """A new revision, visible once its last chunk is stored. Chunks whose history is damaged are left out of it.
 
-    Raises LocationNotFoundError, InvalidInputError when there is nothing to fit.
+    Raises LocationNotFoundError, InvalidInputError when there is nothing to fit, CorruptChunkError when nothing of it
+    can be read.
     """
     compact(ctx, name)
     forget(ctx, name)
     progress(0.1)
     plan = _plan(ctx, name, request)
     wrong = observed = 0
-    for i, (chunk_wrong, chunk_observed) in enumerate(
-        executor.map(lambda chunk: _update_chunk(ctx, plan, chunk), range(plan.place.n_chunks))
-    ):
-        wrong, observed = wrong + chunk_wrong, observed + chunk_observed
+    damage: list[CorruptChunkError] = []
+    for i, fit in enumerate(executor.map(lambda chunk: _update_chunk(ctx, plan, chunk), range(plan.place.n_chunks))):
+        if isinstance(fit, CorruptChunkError):
+            damage.append(fit)
+        else:
+            wrong, observed = wrong + fit.wrong, observed + fit.observed
         progress(0.1 + 0.9 * (i + 1) / plan.place.n_chunks)
+    if len(damage) == plan.place.n_chunks:
+        raise damage[0]
+    if not damage:
+        ctx.damage.forget(plan.place.id)
     record = _revision(ctx, plan, 1 - wrong / observed if observed else None)
     ctx.store.write(lambda work: work.spectra.publish(record))
     ctx.spectra.drop(lambda key: isinstance(key, tuple) and key[0] == plan.place.id)
@@ -119,11 +126,14 @@ def _select(ctx: Context, place: LocationRecord, samples: tuple[int, int], reque
 
 
 def _sample_cells(ctx: Context, place: LocationRecord, samples: tuple[int, int]) -> History:
-    """The histories of changing cells, spread evenly over some chunks."""
+    """The histories of changing cells, spread evenly over some chunks that can be read."""
     n_chunks = min(place.n_chunks, SELECTION_CELLS)
-    parts = []
+    parts = [History.empty(0, samples[0], samples[1] - samples[0])]
     for chunk in np.linspace(0, place.n_chunks - 1, n_chunks).astype(int).tolist():
-        history = read_history(ctx, place.name, chunk, *samples)
+        try:
+            history = read_history(ctx, place.name, chunk, *samples)
+        except CorruptChunkError:
+            continue
         occupied = history.count_occupied()
         changing = np.flatnonzero((occupied > 0) & (occupied < history.count_observed()))
         step = max(1, len(changing) * n_chunks // (4 * SELECTION_CELLS))
@@ -136,13 +146,24 @@ def _sample_cells(ctx: Context, place: LocationRecord, samples: tuple[int, int])
     )
 
 
-def _update_chunk(ctx: Context, plan: Plan, chunk: int) -> tuple[int, int]:
-    """Fit and store one chunk; how many samples are outliers and how many were observed."""
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """Of one chunk: how many samples are outliers, and how many were observed."""
+
+    wrong: int
+    observed: int
+
+
+def _update_chunk(ctx: Context, plan: Plan, chunk: int) -> _Fit | CorruptChunkError:
+    """Fit and store one chunk, unless its history is damaged."""
     place = plan.place
-    history = read_history(ctx, place.name, chunk, *plan.history)
+    try:
+        history = read_history(ctx, place.name, chunk, *plan.history)
+    except CorruptChunkError as error:
+        return error.with_traceback(None)
     model = refit(history, plan.recipe, place.base, (plan.start, plan.stop))
     ctx.store.write(lambda work: work.spectra.put_chunk(place.id, plan.number, chunk, model.spectrum))
-    return int(count(model.outliers).sum()), int(history.count_observed().sum())
+    return _Fit(int(count(model.outliers).sum()), int(history.count_observed().sum()))
 
 
 def _revision(ctx: Context, plan: Plan, accuracy: float | None) -> RevisionRecord:

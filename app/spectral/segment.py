@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.spectral.history import History
+from app.spectral.history import UNOBSERVED, History
 from app.spectral.jit import kernel
 from app.spectral.measurements import Measurements
 from app.spectral.timebase import TimeBase
@@ -72,6 +72,16 @@ def forget(segment: Segment, before: int, base: TimeBase) -> Segment:
         rank[:, : border - history.start] = 0
     time = segment.time[base.sample(segment.time) >= before]
     return Segment(kept, time, rank if rank is not None and rank.any() else None)
+
+
+def standing(segment: Segment, base: TimeBase) -> Measurements:
+    """The measurements that a segment holds, cells counted from its first: merged into nothing they give it again."""
+    history = segment.history
+    cell, sample = np.nonzero(history.states() != UNOBSERVED)
+    entry = np.searchsorted(base.sample(segment.time) - history.start, sample)
+    if segment.rank is not None:
+        entry = entry + segment.rank[cell, sample]
+    return Measurements(segment.time[entry], cell.astype(np.uint32), history.states()[cell, sample])
 
 
 def _ranks(segment: Segment, table: NDArray[np.float64], first: NDArray[np.int64], base: TimeBase) -> NDArray[np.int32]:

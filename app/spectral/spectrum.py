@@ -88,6 +88,17 @@ def static(mean: NDArray[np.float32], origin_s: float, link: Link = "identity") 
     )
 
 
+def blank(like: Spectrum, n_cells: int) -> Spectrum:
+    """Cells that were never observed, on the scale of another spectrum and with its order."""
+    return replace(
+        like,
+        mean=np.full(n_cells, np.nan, np.float32),
+        cell=np.zeros(0, np.int32),
+        index=like.index[:0],
+        coefficient=like.coefficient[:0],
+    )
+
+
 def tau(spectrum: Spectrum, time: ArrayLike) -> NDArray[np.float64]:
     """τ(t) in seconds, of the shape of `time` (Unix seconds).
 

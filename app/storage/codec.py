@@ -44,7 +44,7 @@ def unseal(blob: bytes, what: str, *names: str) -> dict[str, NDArray[np.generic]
 
     Raises CorruptChunkError naming `what` when it is not as it was sealed, or lacks one of the names.
     """
-    problem = partial(_corrupt, what)
+    problem = partial(CorruptChunkError, what)
     if len(blob) < _PREFIX.size:
         raise problem("it is cut short")
     version, checksum = _PREFIX.unpack_from(blob)
@@ -72,10 +72,6 @@ def _split(body: bytes) -> dict[str, NDArray[np.generic]]:
         columns[name] = array.reshape(shape)
         position += array.nbytes
     return columns
-
-
-def _corrupt(what: str, why: str) -> CorruptChunkError:
-    return CorruptChunkError(f"The stored {what} is corrupt: {why}. Restore it from a backup; the rest is readable.")
 
 
 def _compressor() -> zstandard.ZstdCompressor:

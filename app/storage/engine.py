@@ -1,10 +1,12 @@
 """Database engines: SQLite with WAL, immediate writes and full synchronisation, or PostgreSQL through psycopg 3."""
 
+import sqlite3
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
-from sqlalchemy.pool import QueuePool
+from sqlalchemy.pool import NullPool, QueuePool
 
 _PRAGMAS = (
     "PRAGMA journal_mode = WAL",
@@ -28,6 +30,22 @@ def open_writer(url: str) -> Engine:
     if parsed.get_backend_name() == "sqlite":
         return _sqlite(parsed, begin="BEGIN IMMEDIATE", pool_size=1)
     return create_engine(parsed, pool_pre_ping=True, pool_size=2)
+
+
+def open_inspector(url: str) -> Engine:
+    """An engine that cannot write, for looking at a database that a server may be using; a SQLite file must exist."""
+    parsed = make_url(url)
+    if parsed.get_backend_name() != "sqlite":
+        reading = {"isolation_level": "REPEATABLE READ", "postgresql_readonly": True}
+        return create_engine(parsed, poolclass=NullPool).execution_options(**reading)
+    address = f"file:{quote(parsed.database or '')}?mode=ro"
+
+    def connect() -> sqlite3.Connection:
+        return sqlite3.connect(address, uri=True, isolation_level=None, timeout=10, check_same_thread=False)
+
+    engine = create_engine("sqlite://", creator=connect, poolclass=NullPool)
+    event.listen(engine, "begin", lambda connection: connection.exec_driver_sql("BEGIN"))
+    return engine
 
 
 def _sqlite(url: URL, begin: str, pool_size: int) -> Engine:

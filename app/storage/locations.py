@@ -62,9 +62,11 @@ class Locations:
             self._connection.execute(update(location).where(location.c.id == record.id).values(**values))
         return self.get(new_name)
 
-    def delete(self, name: str) -> None:
-        """With everything that belongs to it. Raises LocationNotFoundError."""
-        self._connection.execute(delete(location).where(location.c.id == self.get(name).id))
+    def delete(self, name: str) -> int:
+        """With everything that belongs to it; its id. Raises LocationNotFoundError."""
+        location_id = self.get(name).id
+        self._connection.execute(delete(location).where(location.c.id == location_id))
+        return location_id
 
     def _next_id(self) -> int:
         """One that no location ever had: SQLite by itself gives that of a deleted one again, and caches go by it."""

@@ -1,18 +1,33 @@
 """The repository of the observation log and of the compacted history."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
 
 from sqlalchemy import Case, Column, ColumnElement, Connection, case, delete, func, insert, or_, select, update
 
-from app.errors import IdempotencyConflictError, LocationNotFoundError
+from app.errors import CorruptChunkError, IdempotencyConflictError, LocationNotFoundError
 from app.spectral.measurements import Measurements
-from app.spectral.segment import SEGMENT_SAMPLES, Segment, forget
+from app.spectral.segment import SEGMENT_SAMPLES, Segment, forget, merge, standing
 from app.storage.blobs import pack_segment, unpack_measurements, unpack_segment
 from app.storage.records import LocationRecord, ObservationRecord
 from app.storage.tables import history, location, observation
 
 SegmentKey = tuple[int, int]
-"""(chunk, segment)."""
+"""(chunk, segment); chunk -1 - n holds what came in for chunk n while its own segment was damaged."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tail:
+    """Observations that are not compacted yet, with their numbers; those that cannot be read are in `damage`."""
+
+    parts: list[tuple[int, Measurements]]
+    damage: dict[int, CorruptChunkError]
+
+    @property
+    def through(self) -> int:
+        """The last number."""
+        return max([*self.damage, *(number for number, _ in self.parts)])
 
 
 class Observations:
@@ -52,8 +67,8 @@ class Observations:
         self._connection.execute(insert(observation).values(location_id=place.id, id=number, **vars(record)))
         return int(number)
 
-    def tail(self, place: LocationRecord, most: int | None = None) -> list[tuple[int, Measurements]]:
-        """The observations that are not compacted yet, with their numbers.
+    def tail(self, place: LocationRecord, most: int | None = None) -> Tail:
+        """The observations that are not compacted yet.
 
         With `most`, the earliest of them that hold no more measurements together, but at least one.
         """
@@ -63,16 +78,19 @@ class Observations:
             .where(observation.c.id <= place.observation_seq)
             .order_by(observation.c.id)
         )
-        parts: list[tuple[int, Measurements]] = []
+        tail = Tail([], {})
         total = 0
         with self._connection.execute(query, execution_options={"yield_per": 64}) as rows:
             for row in rows:
                 total += row.measurements
-                if parts and most is not None and total > most:
+                if tail.parts and most is not None and total > most:
                     break
                 what = f"observation {row.id} of location {place.name!r}"
-                parts.append((row.id, unpack_measurements(row.payload, what)))
-        return parts
+                try:
+                    tail.parts.append((row.id, unpack_measurements(row.payload, what)))
+                except CorruptChunkError as error:
+                    tail.damage[row.id] = error.with_traceback(None)
+        return tail
 
     def waiting(self) -> dict[int, int]:
         """How many measurements are not compacted yet, by location id; those without any are left out."""
@@ -85,20 +103,42 @@ class Observations:
         return {row[0]: int(row[1]) for row in self._connection.execute(query)}
 
     def segments(self, place: LocationRecord, chunk: int, first: int, last: int) -> dict[int, Segment]:
-        """The stored segments of a chunk with numbers in [first, last]."""
+        """The stored segments of a chunk with numbers in [first, last], with what was put aside for them.
+
+        Raises CorruptChunkError where one of them is damaged.
+        """
+        segments = self._segments(place, chunk, first, last)
+        for number, aside in self._segments(place, -1 - chunk, first, last).items():
+            before = segments.get(number)
+            segments[number] = aside if before is None else merge(before, standing(aside, place.base), place.base)
+        return segments
+
+    def put_aside(self, place: LocationRecord, chunk: int, number: int) -> Segment | None:
+        """What came in for a segment while it was damaged. Raises CorruptChunkError where that is damaged too."""
+        return self._segments(place, -1 - chunk, number, number).get(number)
+
+    def _segments(self, place: LocationRecord, chunk: int, first: int, last: int) -> dict[int, Segment]:
         query = (
             select(history.c.segment, history.c.payload)
             .where(history.c.location_id == place.id, history.c.chunk == chunk)
             .where(history.c.segment >= first, history.c.segment <= last)
         )
-        what = f"history of location {place.name!r}, chunk {chunk}"
-        return {
-            row.segment: unpack_segment(row.payload, row.segment, f"{what}, segment {row.segment}")
-            for row in self._connection.execute(query)
-        }
+        aside = "" if chunk >= 0 else " put aside"
+        what = f"history{aside} of location {place.name!r}, chunk {max(chunk, -1 - chunk)}"
+        # Closed whatever is raised: a statement left open would show every later reader this moment's rows.
+        with self._connection.execute(query) as rows:
+            return {
+                row.segment: unpack_segment(row.payload, row.segment, f"{what}, segment {row.segment}") for row in rows
+            }
 
-    def compact(self, place: LocationRecord, through: int, segments: Mapping[SegmentKey, bytes]) -> bool:
-        """Put merged segments, packed, in place of the log up to number `through`.
+    def compact(
+        self,
+        place: LocationRecord,
+        through: int,
+        segments: Mapping[SegmentKey, bytes],
+        damaged: Collection[int] = (),
+    ) -> bool:
+        """Put merged segments, packed, in place of the log up to number `through`; damaged observations stay in it.
 
         False, and nothing done, when somebody else has compacted since `place` was read.
         """
@@ -111,35 +151,52 @@ class Observations:
             return False
         for (chunk, number), payload in segments.items():
             self._put(place.id, chunk, number, payload)
+        for chunk, number in self._asides(place):
+            if (-1 - chunk, number) in segments:
+                self._connection.execute(delete(history).where(*_at(place.id, chunk, number)))
         self._connection.execute(
             update(observation)
             .where(observation.c.location_id == place.id, observation.c.id > place.compacted_seq)
-            .where(observation.c.id <= through)
+            .where(observation.c.id <= through, observation.c.id.not_in(damaged))
             .values(payload=None)
         )
         return True
 
+    def _asides(self, place: LocationRecord) -> list[SegmentKey]:
+        """Where something is put aside: nowhere, unless something is damaged."""
+        query = select(history.c.chunk, history.c.segment).where(history.c.location_id == place.id, history.c.chunk < 0)
+        return [(row.chunk, row.segment) for row in self._connection.execute(query)]
+
     def forget(self, place: LocationRecord, before: int) -> None:
-        """Drop the compacted history before a sample, all of it and nothing else."""
+        """Drop the compacted history before a sample, all of it and nothing else.
+
+        Of a damaged segment that lies on both sides of it nothing can be dropped yet.
+        """
         border = before // SEGMENT_SAMPLES
         mine = history.c.location_id == place.id
         self._connection.execute(delete(history).where(mine, history.c.segment < border))
         chunks = select(history.c.chunk).where(mine, history.c.segment == border)
         for chunk in self._connection.execute(chunks).scalars().all():
-            segment = self.segments(place, chunk, border, border)[border]
-            self._put(place.id, chunk, border, pack_segment(forget(segment, before, place.base)))
+            with suppress(CorruptChunkError):
+                segment = self._segments(place, chunk, border, border)[border]
+                self._put(place.id, chunk, border, pack_segment(forget(segment, before, place.base)))
         first = float(place.base.time(before))
         self._connection.execute(
             update(location).where(location.c.id == place.id, location.c.first_time < first).values(first_time=first)
         )
 
     def _put(self, location_id: int, chunk: int, number: int, payload: bytes) -> None:
-        key = {"location_id": location_id, "chunk": chunk, "segment": number}
         stored = self._connection.execute(
-            update(history).where(*(history.c[name] == value for name, value in key.items())).values(payload=payload)
+            update(history).where(*_at(location_id, chunk, number)).values(payload=payload)
         )
         if stored.rowcount == 0:
-            self._connection.execute(insert(history).values(payload=payload, **key))
+            row = {"location_id": location_id, "chunk": chunk, "segment": number, "payload": payload}
+            self._connection.execute(insert(history).values(**row))
+
+
+def _at(location_id: int, chunk: int, number: int) -> tuple[ColumnElement[bool], ...]:
+    """The row of one segment."""
+    return history.c.location_id == location_id, history.c.chunk == chunk, history.c.segment == number
 
 
 def _unless(column: Column[float], passed: ColumnElement[bool], value: float) -> Case[float]:

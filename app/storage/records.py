@@ -1,6 +1,7 @@
 """Rows as the services see them."""
 
 import json
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -70,6 +71,15 @@ class LocationRecord:
     def chunk_size(self, chunk: int) -> int:
         """Number of cells in a chunk; the last may be smaller."""
         return min(CHUNK_CELLS, self.n_cells - chunk * CHUNK_CELLS)
+
+    def cell_ranges(self, chunks: Iterable[int]) -> list[tuple[int, int]]:
+        """The cells of some chunks as ranges [first, stop), ascending; neighbouring ones are one."""
+        ranges: list[tuple[int, int]] = []
+        for chunk in sorted(chunks):
+            first = chunk * CHUNK_CELLS
+            begin = ranges.pop()[0] if ranges and ranges[-1][1] == first else first
+            ranges.append((begin, first + self.chunk_size(chunk)))
+        return ranges
 
     @property
     def hold_samples(self) -> int | None:

@@ -70,5 +70,5 @@ class Spectra:
         payload = self._connection.execute(query).scalar()
         what = f"spectrum of location {place.name!r}, chunk {chunk}"
         if payload is None:
-            raise CorruptChunkError(f"The {what} is missing from revision {number}.")
+            raise CorruptChunkError(what, f"it is missing from revision {number}")
         return unpack_spectrum(payload, what)

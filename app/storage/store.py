@@ -8,9 +8,10 @@ from typing import TypeVar
 from sqlalchemy import Connection, make_url
 from sqlalchemy.exc import DBAPIError
 
-from app.errors import DatabaseUnusableError
+from app.errors import DatabaseUnusableError, StorageUnavailableError
 from app.storage.engine import open_reader, open_writer
 from app.storage.migrate import check_version, current_version, migrate
+from app.storage.trouble import Trouble, means_trouble
 from app.storage.work import Work
 from app.storage.writer import Writer
 
@@ -43,14 +44,14 @@ def _writing(url: str) -> Iterator[Connection]:
     """One transaction on a database that nobody has opened yet."""
     engine = open_writer(url)
     try:
-        with _usable(url), engine.begin() as connection:
+        with usable(url), engine.begin() as connection:
             yield connection
     finally:
         engine.dispose()
 
 
 @contextmanager
-def _usable(url: str) -> Iterator[None]:
+def usable(url: str) -> Iterator[None]:
     """Say which database it was that failed, and not its password."""
     try:
         yield
@@ -63,9 +64,10 @@ class Store:
     """Open with the URL of a migrated database; SchemaVersionError otherwise."""
 
     def __init__(self, url: str, commit_queue: int = 1024, commit_batch: int = 128) -> None:
+        self._reading = Trouble("read")
         self._reader = open_reader(url)
         try:
-            with _usable(url), self._reader.begin() as connection:
+            with usable(url), self._reader.begin() as connection:
                 check_version(connection)
         except BaseException:
             self._reader.dispose()
@@ -75,10 +77,17 @@ class Store:
 
     @contextmanager
     def read(self) -> Iterator[Work]:
-        """A unit of work that sees one snapshot and writes nothing."""
-        with self._reader.connect() as connection, connection.begin() as transaction:
-            yield Work.on(connection)
-            transaction.rollback()
+        """A unit of work that sees one snapshot and writes nothing. Raises StorageUnavailableError."""
+        try:
+            with self._reader.connect() as connection, connection.begin() as transaction:
+                yield Work.on(connection)
+                transaction.rollback()
+        except DBAPIError as error:
+            if not means_trouble(error):
+                raise
+            self._reading.failed(error)
+            raise StorageUnavailableError from error
+        self._reading.worked()
 
     def check_schema(self) -> None:
         """Raise SchemaVersionError where somebody has changed the schema since the start; about 5 ms."""
@@ -93,6 +102,10 @@ class Store:
     def write(self, run: Callable[[Work], Result], then: Callable[[Result], None] | None = None) -> Result:
         """Queue a write and wait until it is durable; `then` as in `Writer.submit`."""
         return self._writer.submit(run, then).result()
+
+    def trouble(self) -> str | None:
+        """Why the database cannot be written, as the last write showed; None when it can."""
+        return self._writer.trouble.reason
 
     def waiting(self) -> int:
         """How many writes wait for the writer."""

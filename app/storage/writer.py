@@ -13,6 +13,8 @@ from sqlalchemy import Connection, Engine
 from sqlalchemy.exc import DBAPIError
 
 from app.errors import QueueFullError, ShuttingDownError, StorageUnavailableError
+from app.storage.counters import take
+from app.storage.trouble import Trouble, means_trouble
 from app.storage.work import Work
 
 log = logging.getLogger(__name__)
@@ -33,6 +35,7 @@ class Writer:
         self._engine = engine
         self._batch = batch
         self._queue: Queue[_Write[Any] | None] = Queue(queue_length)
+        self.trouble = Trouble("written")
         self._gate = Lock()
         self._closed = False
         self._thread = Thread(target=self._loop, name="tidemap-writer", daemon=True)
@@ -40,6 +43,8 @@ class Writer:
 
     def submit(self, run: Callable[[Work], Result], then: Callable[[Result], None] | None = None) -> Future[Result]:
         """The future of a write: its result once it is durable, or the error it raised (nothing was stored then).
+
+        StorageUnavailableError alone leaves that open: a connection may be lost after the commit, before its answer.
 
         `then` is called with the result before anybody else gets it, in the writer's thread and so in the order of
         the commits; it should be quick.
@@ -94,8 +99,12 @@ class Writer:
         try:
             with self._engine.begin() as connection:
                 settle = [self._run(connection, write, again) for write in group]
+                if self.trouble.reason is not None:
+                    # Some writes change nothing; that they succeed does not say that it can be written.
+                    take(connection, "trouble")
+            self.trouble.worked()
         except BaseException as error:
-            _log(f"a group of {len(group)} writes was not stored", error)
+            self._failed(f"a group of {len(group)} writes was not stored", error)
             settle = [partial(write.future.set_exception, StorageUnavailableError()) for write in group]
         for each in settle:
             each()
@@ -113,16 +122,28 @@ class Writer:
         except DBAPIError as error:
             if error.connection_invalidated:
                 raise
-            _log("a write was refused by the database", error)
-            savepoint.rollback()
+            try:
+                savepoint.rollback()
+            except DBAPIError:
+                raise error from None
             if again:
                 # Another process may have been in its way: once more, without the locks of a group.
                 return partial(self._commit, [write], again=False)
+            self._failed("a write was refused by the database", error)
             return partial(write.future.set_exception, StorageUnavailableError())
         except BaseException as error:
             savepoint.rollback()
             return partial(write.future.set_exception, error)
         return partial(_finish, write, result)
+
+    def _failed(self, what: str, error: BaseException) -> None:
+        """A change of state where the database is in trouble, one line for what else it says, a trace for the rest."""
+        if not isinstance(error, DBAPIError):
+            log.error(what, exc_info=error)
+        elif means_trouble(error):
+            self.trouble.failed(error)
+        else:
+            log.error("%s: %s", what, " ".join(str(error.orig).split()))
 
 
 def _finish(write: _Write[Result], result: Result) -> None:
@@ -132,11 +153,3 @@ def _finish(write: _Write[Result], result: Result) -> None:
     except BaseException:
         log.exception("what follows a write failed; it is stored all the same")
     write.future.set_result(result)
-
-
-def _log(what: str, error: BaseException) -> None:
-    """One line for what the database says, with the trace for anything else."""
-    if isinstance(error, DBAPIError):
-        log.error("%s: %s", what, error.orig)
-    else:
-        log.error(what, exc_info=error)

@@ -4,13 +4,13 @@ import logging
 import math
 from threading import Event, Thread
 
-from app.errors import ShuttingDownError, TidemapError
+from app.errors import BusyError, ShuttingDownError, TidemapError
 from app.events.messages import Message
 from app.services.context import Context
 from app.services.history import compact
 from app.services.jobs import claim_job, request_update, requeue_interrupted, run_job
 from app.services.update import UpdateRequest
-from app.storage.records import JobRecord, LocationRecord, RevisionRecord
+from app.storage.records import LocationRecord, RevisionRecord
 from app.workers.executors import LocalExecutor
 
 log = logging.getLogger(__name__)
@@ -27,14 +27,13 @@ class Updater:
         self._wake = Event()
         self._stop = Event()
         self._executor = LocalExecutor(ctx.settings.update_threads)
-        self._job: JobRecord | None = None
+        self._interrupted = True
         self._asked: dict[int, float] = {}
         self._thread = Thread(target=self._loop, name="tidemap-updater", daemon=True)
         self._unsubscribe = ctx.bus.subscribe(self._listen)
 
     def start(self) -> None:
-        """Begin; jobs that a stopped process left running are queued again."""
-        requeue_interrupted(self._ctx)
+        """Begin; jobs that a stopped process left running run again."""
         self._thread.start()
 
     def stop(self) -> None:
@@ -62,19 +61,22 @@ class Updater:
                     self._look_around()
             except ShuttingDownError:
                 return
+            except BusyError as error:
+                self._interrupted = True
+                log.debug("the updater waits: %s", error.title)
             except Exception:
+                self._interrupted = True
                 log.exception("the updater failed and goes on")
             self._wake.wait(self._ctx.settings.updater_interval_s)
             self._wake.clear()
 
     def _run_jobs(self) -> None:
-        while not self._stop.is_set():
-            # A job whose end could not be stored, for the database was away, is still here and runs again.
-            self._job = self._job or claim_job(self._ctx, frozenset())
-            if self._job is None:
-                return
-            run_job(self._ctx, self._job, self._executor)
-            self._job = None
+        if self._interrupted:
+            # Also a job that was claimed, or ended, when the database went away: nobody knows whether that is stored.
+            requeue_interrupted(self._ctx)
+            self._interrupted = False
+        while not self._stop.is_set() and (job := claim_job(self._ctx, frozenset())) is not None:
+            run_job(self._ctx, job, self._executor)
 
     def _look_around(self) -> None:
         with self._ctx.store.read() as work:
@@ -84,6 +86,8 @@ class Updater:
                 return
             try:
                 self._care_for(place, revisions.get(place.id), waiting.get(place.id, 0))
+            except BusyError:
+                raise
             except TidemapError as error:
                 log.warning("location %s: %s", place.name, error)
             except Exception:

@@ -1,10 +1,7 @@
 """The outbox with real servers and real robots, and both killed: what was observed is there exactly once."""
 
 import asyncio
-import random
 import sqlite3
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -19,15 +16,10 @@ import numpy as np
 import pytest
 
 from app.client import AsyncClient, Client, OutboxFullError, Patience, Pending, Queued
-from tests.api.outbox_robot import states
-from tests.support.paths import ROOT
-from tests.support.server import ServerProcess, StartServer, clean_environment
+from tests.support.server import ServerProcess, StartServer
 
 OUT_OF_RANGE = "http://127.0.0.1:9"
 EAGER = Patience(first_s=0.05, most_s=0.2)
-DEATHS = 10
-NUMBERS = 10_000
-"""More than a robot observes in one life."""
 
 
 @pytest.fixture
@@ -107,34 +99,6 @@ def test_what_was_observed_out_of_range_arrives_once_and_in_order(running: Serve
     assert list(log_of(running).values()) == [list(range(80, 0, -1))] * 2
 
 
-@pytest.mark.slow
-def test_a_server_killed_again_and_again_costs_nothing(running: ServerProcess, path: Path) -> None:
-    chance = random.Random(7)
-    done = threading.Event()
-
-    def observe(spot: Client[Queued]) -> None:
-        for second in range(500):
-            spot.location("door").observe([second], [second % 2])
-            time.sleep(0.003)
-        done.set()
-
-    with robot(running.url, path) as spot:
-        observing = threading.Thread(target=observe, args=[spot])
-        observing.start()
-        for _ in range(3):
-            before = stored(running)[0]
-            until(lambda before=before: stored(running)[0] >= before + 30)  # type: ignore[misc]
-            time.sleep(chance.uniform(0, 0.1))
-            running.kill()
-            running.restart()
-        observing.join()
-        assert spot.outbox.flush(120)
-        assert spot.outbox.refused() == []
-    assert done.is_set()
-    assert stored(running) == (500, {second: second % 2 for second in range(500)})
-    assert list(log_of(running).values()) == [list(range(500))]
-
-
 @contextmanager
 def deaf(process: ServerProcess, answers: int) -> Iterator[str]:
     """The URL of a network between robot and server that carries every post, but only so many answers in ten."""
@@ -170,71 +134,6 @@ def test_answers_that_get_lost_store_nothing_twice(shared_server: ServerProcess,
         assert spot.outbox.flush(60)
         assert spot.outbox.refused() == []
     assert stored(shared_server, name) == (20, {second: second % 2 for second in range(20)})
-
-
-class Life:
-    """One run of the robot's script."""
-
-    def __init__(self, url: str, name: str, path: Path, receipts: Path, number: int) -> None:
-        self.first = number * NUMBERS
-        self.receipts = receipts
-        arguments = [url, name, str(path), str(receipts), str(self.first)]
-        command = [sys.executable, "-m", "tests.api.outbox_robot", *arguments]
-        self.process = subprocess.Popen(command, cwd=ROOT, env=clean_environment())
-
-    def written(self) -> list[int]:
-        """The numbers whose `observe` returned, of all lives; a line that was not finished does not count."""
-        text = self.receipts.read_text() if self.receipts.exists() else ""
-        return [int(line) for line in text.splitlines(keepends=True) if line.endswith("\n")]
-
-    def kill(self, pause_s: float) -> None:
-        """After its first observation and a pause."""
-        try:
-            until(lambda: self.first in self.written() or self.process.poll() is not None)
-            time.sleep(pause_s)
-            assert self.process.poll() is None
-        finally:
-            self.process.kill()
-            self.process.wait()
-
-
-def check(process: ServerProcess, name: str, written: list[int], deaths: int) -> None:
-    """Whatever `observe` returned for is stored exactly once, and little else."""
-    measurements, seen = stored(process, name)
-    expected = {3 * number + i: state for number in written for i, state in enumerate(states(number))}
-    assert len(expected) == 3 * len(written)
-    assert {second: seen.get(second) for second in expected} == expected
-    # A batch stored twice would be counted twice.
-    assert measurements == len(seen)
-    # Each death may have come between the outbox and the receipt.
-    assert len(seen) - len(expected) in range(0, 3 * deaths + 1, 3)
-
-
-@pytest.mark.slow
-def test_a_robot_killed_at_any_moment_loses_nothing_it_kept(running: ServerProcess, path: Path) -> None:
-    chance = random.Random(11)
-    for number in range(DEATHS):
-        if number in (2, 6):
-            running.kill()
-        life = Life(running.url, "door", path, path.with_name("receipts"), number)
-        life.kill(chance.uniform(0, 0.5))
-        if number in (3, 6):
-            running.restart()
-    with robot(running.url, path) as spot:
-        assert spot.outbox.flush(120)
-        assert spot.outbox.refused() == []
-    assert len(life.written()) >= DEATHS
-    check(running, "door", life.written(), DEATHS)
-
-
-def test_two_robots_on_one_outbox_and_each_killed(shared_server: ServerProcess, name: str, path: Path) -> None:
-    receipts = path.with_name("receipts-1"), path.with_name("receipts-2")
-    lives = [Life(shared_server.url, name, path, receipts[i], i) for i in range(2)]
-    for life in lives:
-        life.kill(0.5)
-    with robot(shared_server.url, path) as spot:
-        assert spot.outbox.flush(120)
-    check(shared_server, name, lives[0].written() + lives[1].written(), 2)
 
 
 def test_refused_batches_are_put_aside_and_sent_when_they_can_be(

@@ -1,6 +1,7 @@
 """At every moment log and segments together are the history: the services against a plain dictionary."""
 
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any
 
@@ -15,14 +16,18 @@ from hypothesis.stateful import (
     rule,
     run_state_machine_as_test,
 )
+from sqlalchemy import func, select
 
 from app.schemas.locations import LocationPatch
 from app.services.context import Context
 from app.services.history import compact, last_seen, read_history
-from app.services.locations import change_location, find_location
+from app.services.locations import change_location, delete_location, find_location
+from app.services.verify import Finding, verify
 from app.spectral.history import NEVER, UNOBSERVED
 from app.spectral.timebase import TimeBase
+from app.storage.engine import open_reader
 from app.storage.records import CHUNK_CELLS
+from app.storage.tables import metadata
 from tests.support.contexts import make_location, opened, post_rows, refit
 from tests.support.databases import Databases
 from tests.support.truth import Row, Truth, put, states_of
@@ -44,32 +49,52 @@ ROWS = st.builds(
 POSTS = st.lists(ROWS, min_size=1, max_size=8, unique_by=lambda row: row[:2])
 
 
+class EndedError(Exception):
+    """The process is no more."""
+
+
+@dataclass
+class MortalStore:
+    """A store whose process ends after some more writes."""
+
+    store: Any
+    writes: int
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.store, name)
+
+    def write(self, *arguments: Any) -> Any:
+        if not self.writes:
+            raise EndedError
+        self.writes -= 1
+        return self.store.write(*arguments)
+
+
 class HistoryMachine(RuleBasedStateMachine):
-    """Posts of all kinds, compactions, updates and restarts in any order."""
+    """Posts of all kinds, compactions, updates, deletions, restarts and crashes in any order."""
 
     url: str
 
     def __init__(self) -> None:
         super().__init__()
         self.stack = ExitStack()
-        self.truth: Truth = {}
-        self.posts: list[tuple[str, list[Row]]] = []
-        self.measurements = 0
-        self.retention_s: float | None = None
         self.name = f"lab-{next(NAMES)}"
 
     @initialize()
     def begin(self) -> None:
         self.ctx: Context = self.stack.enter_context(opened(self.url))
-        make_location(self.ctx, self.name, SHAPE, epoch=BASE.epoch, interval_s=BASE.interval_s)
+        self._make()
 
     def teardown(self) -> None:
         self.stack.close()
+        findings: list[Finding] = []
+        verify(self.url, findings.append)
+        assert findings == []
 
-    @rule(rows=POSTS)
-    def post(self, rows: list[Row]) -> None:
+    @rule(rows=POSTS, source=st.sampled_from(("spot", "rover", None)))
+    def post(self, rows: list[Row], source: str | None) -> None:
         key = f"k{len(self.posts)}"
-        answer = post_rows(self.ctx, self.name, rows, idempotency_key=key)
+        answer = post_rows(self.ctx, self.name, rows, idempotency_key=key, source=source)
         assert (answer.accepted, answer.duplicate) == (len(rows), False)
         self.posts.append((key, rows))
         self._stored(rows)
@@ -111,6 +136,27 @@ class HistoryMachine(RuleBasedStateMachine):
         self.stack.close()
         self.ctx = self.stack.enter_context(opened(self.url))
 
+    @rule()
+    def crash(self) -> None:
+        """Nobody closes what was open."""
+        self.ctx = self.stack.enter_context(opened(self.url))
+
+    @precondition(lambda self: self.truth and self.retention_s is None)
+    @rule(writes=st.integers(0, 4))
+    def crash_in_an_update(self, writes: int) -> None:
+        store: Any = MortalStore(self.ctx.store, writes)
+        with suppress(EndedError):
+            refit(replace(self.ctx, store=store), self.name, estimator="static")
+        self.crash()
+
+    @rule()
+    def delete(self) -> None:
+        """All of it goes, and a new one has nothing of it, not even the keys."""
+        number = find_location(self.ctx, self.name).id
+        delete_location(self.ctx, self.name)
+        assert rows_of(self.url, number) == {}
+        self._make()
+
     @invariant()
     def the_history_is_the_dictionary(self) -> None:
         if not hasattr(self, "ctx"):
@@ -139,11 +185,12 @@ class HistoryMachine(RuleBasedStateMachine):
             return
         place = find_location(self.ctx, self.name)
         for sample in (-4096, 4095, 10**9):
-            state, seen = last_seen(self.ctx, place, sample, np.array(CELLS))
+            found = last_seen(self.ctx, place, sample, np.array(CELLS))
+            assert found.damaged == []
             for i, cell in enumerate(CELLS):
                 before = [n for c, n in self.truth if c == cell and n <= sample]
-                found: Any = (self.truth[cell, max(before)][1], max(before)) if before else (UNOBSERVED, NEVER)
-                assert (state[i], seen[i]) == found
+                latest: Any = (self.truth[cell, max(before)][1], max(before)) if before else (UNOBSERVED, NEVER)
+                assert (found.state[i], found.sample[i]) == latest
 
     @invariant()
     def nothing_is_counted_twice(self) -> None:
@@ -152,12 +199,32 @@ class HistoryMachine(RuleBasedStateMachine):
             assert place.measurements == self.measurements
             assert place.observation_seq >= len(self.posts)
 
+    def _make(self) -> None:
+        make_location(self.ctx, self.name, SHAPE, epoch=BASE.epoch, interval_s=BASE.interval_s)
+        self.truth: Truth = {}
+        self.posts: list[tuple[str, list[Row]]] = []
+        self.measurements = 0
+        self.retention_s: float | None = None
+
     def _stored(self, rows: list[Row]) -> None:
         put(self.truth, rows, BASE)
         self.measurements += len(rows)
 
 
+def rows_of(url: str, location_id: int) -> dict[str, int]:
+    """How many rows each table has of a location; those without any are left out."""
+    engine = open_reader(url)
+    with engine.connect() as connection:
+        found = {
+            table.name: connection.execute(select(func.count()).where(table.c.location_id == location_id)).scalar_one()
+            for table in metadata.tables.values()
+            if "location_id" in table.c
+        }
+    engine.dispose()
+    return {name: number for name, number in found.items() if number}
+
+
 def test_log_and_segments_are_the_history_at_every_moment(databases: Databases) -> None:
     with databases.migrated() as url:
         machine = type("Machine", (HistoryMachine,), {"url": url})
-        run_state_machine_as_test(machine, settings=settings(max_examples=7, stateful_step_count=12))
+        run_state_machine_as_test(machine, settings=settings(max_examples=8, stateful_step_count=16))

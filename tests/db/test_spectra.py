@@ -8,7 +8,7 @@ from sqlalchemy import func, select, update
 
 from app.errors import CorruptChunkError
 from app.services.context import Context
-from app.services.predict import StateQuery, state_at
+from app.services.predict import PredictQuery, StateQuery, predict_at, state_at
 from app.services.spectra import fitted
 from app.spectral.recipe import Recipe
 from app.spectral.spectrum import Spectrum, static
@@ -151,7 +151,8 @@ def test_a_damaged_spectrum_is_named_and_hurts_no_other(ctx: Context, payload: b
     fit_lab(ctx)
     change_payload(ctx, 1, payload)
     with pytest.raises(CorruptChunkError, match=f"spectrum of location 'lab', chunk 1 is corrupt: .*{reason}"):
-        state_at(ctx, "lab", StateQuery(0.0))
+        predict_at(ctx, "lab", PredictQuery([0.0], [1030]))
+    assert state_at(ctx, "lab", StateQuery(0.0)).cell.tolist() == [0, 2400]
     with ctx.store.read() as work:
         place = work.locations.get("lab")
         assert [work.spectra.chunk(place, 1, chunk).n_cells for chunk in (0, 2)] == [1024, 452]
@@ -161,7 +162,10 @@ def test_a_damaged_spectrum_is_named_and_hurts_no_other(ctx: Context, payload: b
 
 def test_a_missing_chunk_is_named(ctx: Context) -> None:
     fit_lab(ctx)
-    with ctx.store.read() as work, pytest.raises(CorruptChunkError, match="lab', chunk 3 is missing from revision 1"):
+    with (
+        ctx.store.read() as work,
+        pytest.raises(CorruptChunkError, match="chunk 3 is corrupt: it is missing from revision 1"),
+    ):
         work.spectra.chunk(work.locations.get("lab"), 1, 3)
 
 

@@ -246,6 +246,12 @@ def test_two_processes_in_each_others_way_both_get_through(database_url: str) ->
         store.close()
 
 
+def disconnect_all_others(engine: Engine) -> None:
+    with engine.connect() as connection:
+        rest = "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE datname = current_database()"
+        connection.execute(text(f"{rest} AND pid <> pg_backend_pid()"))
+
+
 @pytest.mark.parametrize("when", ["between", "within", "at the end of"])
 def test_a_lost_connection_fails_a_group_at_most(
     writer: Writer, engine: Engine, database_url: str, when: str, caplog: pytest.LogCaptureFixture
@@ -254,9 +260,7 @@ def test_a_lost_connection_fails_a_group_at_most(
     other = open_writer(database_url)
 
     def lose(_: Work | None = None) -> None:
-        with other.connect() as connection:
-            rest = "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE datname = current_database()"
-            connection.execute(text(f"{rest} AND pid <> pg_backend_pid()"))
+        disconnect_all_others(other)
 
     assert writer.submit(key("first")).result(WAIT_S) == "first"
     if when == "between":
@@ -266,7 +270,7 @@ def test_a_lost_connection_fails_a_group_at_most(
     else:
         futures = submit_together(writer, key("a"), lose, *([key("b")] if when == "within" else []))
         assert all(isinstance(future.exception(), StorageUnavailableError) for future in futures)
-        assert "not stored" in caplog.text
+        assert "the database cannot be written" in caplog.text
     assert writer.submit(key("third")).result(WAIT_S) == "third"
     assert names(database_url) == ["first", *(["second"] if when == "between" else []), "third"]
     other.dispose()
@@ -348,6 +352,26 @@ def test_a_reader_sees_one_moment(store: Store) -> None:
         assert work.keys.count() == 1
     with store.read() as work:
         assert work.keys.count() == 2
+
+
+def test_a_lost_connection_fails_one_read(
+    store: Store, engine: Engine, database_url: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    only_on(engine, "postgresql")
+
+    def lose_and_count() -> None:
+        with store.read() as work:
+            work.keys.count()
+            disconnect_all_others(engine)
+            work.keys.count()
+
+    with pytest.raises(StorageUnavailableError):
+        lose_and_count()
+    (said,) = [record.getMessage() for record in caplog.records]
+    assert said.startswith("the database cannot be read: ")
+    assert "\n" not in said
+    with store.read() as work:
+        assert work.keys.count() == 0
 
 
 def test_a_read_that_fails_leaves_no_connection_behind(store: Store) -> None:

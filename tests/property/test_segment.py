@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from app.spectral.history import UNOBSERVED
 from app.spectral.measurements import Measurements
-from app.spectral.segment import SEGMENT_SAMPLES, Segment, forget, merge
+from app.spectral.segment import SEGMENT_SAMPLES, Segment, forget, merge, standing
 from app.spectral.timebase import TimeBase
 from app.storage.blobs import pack_segment, unpack_segment
 from tests.support.truth import Row, Truth, measurements_of, put, states_of
@@ -34,7 +34,7 @@ def merged(batches: list[list[Row]], segment: Segment | None = None) -> Segment:
     return segment
 
 
-def standing(segment: Segment) -> Truth:
+def truth_in(segment: Segment) -> Truth:
     """What a segment says, each measurement with the exact time it stands on."""
     states = segment.history.check().states()
     samples = BASE.sample(segment.time) - segment.history.start
@@ -68,7 +68,7 @@ def assert_same(one: Segment, other: Segment) -> None:
 @given(BATCHES)
 def test_a_segment_is_the_dictionary(batches: list[list[Row]]) -> None:
     segment, truth = merged(batches), truth_of(batches)
-    assert standing(segment) == truth
+    assert truth_in(segment) == truth
     dense = states_of(truth, range(CELLS), START, START + SEGMENT_SAMPLES)
     np.testing.assert_array_equal(segment.history.states(), dense)
 
@@ -88,7 +88,7 @@ def test_order_batches_and_repeats_do_not_matter(batches: list[list[Row]], chanc
 @given(BATCHES)
 def test_no_time_is_kept_that_nothing_stands_on(batches: list[list[Row]]) -> None:
     segment = merged(batches)
-    assert segment.time.tolist() == sorted({time for time, _ in standing(segment).values()})
+    assert segment.time.tolist() == sorted({time for time, _ in truth_in(segment).values()})
     if segment.rank is not None:
         assert max(np.unique(BASE.sample(segment.time), return_counts=True)[1]) > 1
         assert not segment.rank[segment.history.states() == UNOBSERVED].any()
@@ -110,7 +110,7 @@ def test_forgetting_leaves_the_later_samples_as_they_were(
     before = START + border
     truth = {key: value for key, value in truth_of(early).items() if key[1] >= before}
     segment = forget(merged(early), before, BASE)
-    assert standing(segment) == truth
+    assert truth_in(segment) == truth
     rows = [(time, cell, state) for (cell, _), (time, state) in truth.items()]
     assert_same(segment, merged([rows]))
     assert_same(merged(late, segment), merged([rows, *late]))
@@ -131,3 +131,11 @@ def test_more_times_in_one_sample_than_a_rank_can_count() -> None:
 def test_a_measurement_of_another_segment_is_refused(sample: int) -> None:
     with pytest.raises(ValueError, match="outside of the segment"):
         merged([[(float(BASE.time(sample)), 0, 1)]])
+
+
+@quick
+@given(BATCHES, BATCHES)
+def test_a_segment_is_its_standing_measurements(one: list[list[Row]], other: list[list[Row]]) -> None:
+    first, second = merged(one), merged(other)
+    assert_same(merge(Segment.empty(CELLS, NUMBER), standing(first, BASE), BASE), first)
+    assert_same(merge(first, standing(second, BASE), BASE), merged(one + other))

@@ -8,10 +8,11 @@ import importlib.util
 import os
 import pwd
 import shutil
+import signal
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
@@ -20,26 +21,27 @@ from typing import Any
 import psycopg
 
 START_S = 60.0
+STOP_S = 10.0
 # PostgreSQL refuses to run as root, so as root it runs as this user, which every Unix has.
 UNPRIVILEGED = "nobody"
-# No test crashes this server, only its clients: nothing needs to reach the disk.
-OPTIONS = {
-    "listen_addresses": "",
-    "fsync": "off",
-    "full_page_writes": "off",
-    "synchronous_commit": "off",
-    "max_connections": "200",
-    "shared_buffers": "64MB",
-    "timezone": "UTC",
-}
+COMMON = {"listen_addresses": "", "max_connections": "200", "shared_buffers": "64MB", "timezone": "UTC"}
+FAST = {"fsync": "off", "full_page_writes": "off", "synchronous_commit": "off"}
+"""For a server whose clients may crash, but never it itself: nothing needs to reach the disk."""
 
 
 class Postgres:
-    """A running server, reached through a socket in `folder` only."""
+    """A server, reached through a socket in `folder` only; `programs` is the folder of its programs."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, programs: Path, identity: Mapping[str, Any], options: Mapping[str, str]) -> None:
         self.folder = folder
+        self.programs = programs
+        self._command: list[str | Path] = [programs / "postgres", "-D", folder / "data", "-k", folder]
+        for name, value in (COMMON | dict(options)).items():
+            self._command += ["-c", f"{name}={value}"]
+        self._identity = identity
+        self._log = folder / "log"
         self._numbers = count(1)
+        self.start()
 
     def url(self, database: str) -> str:
         """The SQLAlchemy URL of a database."""
@@ -60,9 +62,43 @@ class Postgres:
         with psycopg.connect(host=str(self.folder), user="postgres", autocommit=True) as connection:
             connection.execute(statement.encode())
 
+    def start(self) -> None:
+        """Start, and wait until it takes connections; after `end` on the same data."""
+        deadline = time.monotonic() + START_S
+        self._process = self._launch()
+        while (problem := self._problem()) is not None:
+            if time.monotonic() > deadline:
+                raise RuntimeError(f"PostgreSQL did not start: {problem}\n{self._log.read_text()}")
+            if self._process.poll() is not None:
+                # After SIGKILL it does not start before the last process of the one before has noticed.
+                self._process = self._launch()
+            time.sleep(0.02)
+
+    def end(self, how: signal.Signals = signal.SIGINT) -> None:
+        """SIGINT disconnects everyone and stops, SIGQUIT stops at once without tidying up, SIGKILL is a power cut."""
+        self._process.send_signal(how)
+        try:
+            self._process.wait(STOP_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def _launch(self) -> "subprocess.Popen[bytes]":
+        with self._log.open("ab") as log:
+            how = {"stdin": subprocess.DEVNULL, "stdout": log, "stderr": log, "cwd": self.folder}
+            return subprocess.Popen(self._command, **how, **self._identity)
+
+    def _problem(self) -> psycopg.OperationalError | None:
+        """Why it takes no connections, None if it does."""
+        try:
+            psycopg.connect(host=str(self.folder), user="postgres").close()
+        except psycopg.OperationalError as error:
+            return error
+        return None
+
 
 @contextmanager
-def running_postgres() -> Iterator[Postgres]:
+def running_postgres(options: Mapping[str, str] = FAST) -> Iterator[Postgres]:
     """A fresh server, gone without a trace afterwards."""
     folder = Path(tempfile.mkdtemp(prefix="tidemap-pg-"))
     try:
@@ -72,47 +108,15 @@ def running_postgres() -> Iterator[Postgres]:
             identity = {"user": user.pw_uid, "group": user.pw_gid, "extra_groups": []}
             os.chown(folder, user.pw_uid, user.pw_gid)
         programs = _programs(folder, identity)
-        options = ["--no-sync", "--auth=trust", "--username=postgres", "--encoding=UTF8", "--no-locale"]
-        _run([programs / "initdb", *options, "--pgdata", folder / "data"], cwd=folder, **identity)
-        with _serving(programs, folder, identity):
-            yield Postgres(folder)
+        setup = ["--no-sync", "--auth=trust", "--username=postgres", "--encoding=UTF8", "--no-locale"]
+        _run([programs / "initdb", *setup, "--pgdata", folder / "data"], cwd=folder, **identity)
+        server = Postgres(folder, programs, identity, options)
+        try:
+            yield server
+        finally:
+            server.end()
     finally:
         shutil.rmtree(folder)
-
-
-@contextmanager
-def _serving(programs: Path, folder: Path, identity: dict[str, Any]) -> Iterator[None]:
-    command: list[str | Path] = [programs / "postgres", "-D", folder / "data", "-k", folder]
-    for name, value in OPTIONS.items():
-        command += ["-c", f"{name}={value}"]
-    log = folder / "log"
-    with log.open("wb") as output:
-        process = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, cwd=folder, **identity
-        )
-    try:
-        _wait(process, folder, log)
-        yield
-    finally:
-        process.send_signal(2)  # SIGINT: disconnect everyone and stop
-        try:
-            process.wait(10)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-
-
-def _wait(process: "subprocess.Popen[bytes]", folder: Path, log: Path) -> None:
-    deadline = time.monotonic() + START_S
-    while True:
-        try:
-            psycopg.connect(host=str(folder), user="postgres").close()
-        except psycopg.OperationalError as error:
-            if process.poll() is not None or time.monotonic() > deadline:
-                raise RuntimeError(f"PostgreSQL did not start: {error}\n{log.read_text()}") from error
-            time.sleep(0.02)
-        else:
-            return
 
 
 def _programs(folder: Path, identity: dict[str, Any]) -> Path:

@@ -5,18 +5,37 @@ import re
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import ClassVar
 
 import httpx
 
+from tests.support.forked import Forked
 from tests.support.paths import ROOT
 
 # The first start on a machine compiles the numeric kernels.
 READY_S = 120.0
 STOP_S = 30.0
 _ANNOUNCED = re.compile(r"Tidemap is ready at (http://\S+)")
+
+
+Process = subprocess.Popen[bytes] | Forked
+Launch = Callable[[Sequence[str], Mapping[str, str], Path], Process]
+"""Starts `tidemap …` with an environment, its output appended to a file: `fresh`, or `Forked` for many starts."""
+
+
+def fresh(words: Sequence[str], env: Mapping[str, str], log: Path) -> Process:
+    """As people start it, with a fresh Python."""
+    with log.open("ab") as output:
+        return subprocess.Popen(
+            [sys.executable, "-m", "app.cli", *words],
+            cwd=ROOT,
+            env=env,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=output,
+        )
 
 
 class ServerProcess:
@@ -31,6 +50,7 @@ class ServerProcess:
         database_url: str | None = None,
         env: Mapping[str, str] | None = None,
         ready_s: float = READY_S,
+        launch: Launch = fresh,
     ) -> None:
         self.data = folder / "data"
         self.log = folder / "server.log"
@@ -39,6 +59,7 @@ class ServerProcess:
         self._where = ("--database-url", database_url) if database_url else ("--data", str(self.data))
         self._env = clean_environment() | dict(env or {})
         self._ready_s = ready_s
+        self._launch = launch
         self.process = self._start(port=0)
 
     @property
@@ -67,18 +88,10 @@ class ServerProcess:
         text = self.log.read_text(errors="replace") if self.log.exists() else ""
         return text if lines is None else "\n".join(text.splitlines()[-lines:])
 
-    def _start(self, port: int) -> "subprocess.Popen[bytes]":
+    def _start(self, port: int) -> Process:
         printed_before = len(self.output())
-        command = ["serve", "--host", "127.0.0.1", "--port", str(port), *self._where, *self._options]
-        with self.log.open("ab") as log:
-            process = subprocess.Popen(
-                [sys.executable, "-m", "app.cli", *command],
-                cwd=ROOT,
-                env=self._env,
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=log,
-            )
+        words = ["serve", "--host", "127.0.0.1", "--port", str(port), *self._where, *self._options]
+        process = self._launch(words, self._env, self.log)
         self.running.add(self)
         try:
             self.url = self._announced(process, printed_before)
@@ -89,12 +102,12 @@ class ServerProcess:
             raise
         return process
 
-    def _announced(self, process: "subprocess.Popen[bytes]", printed_before: int) -> str:
+    def _announced(self, process: Process, printed_before: int) -> str:
         """Wait until it says where it is ready, and hold it to that."""
         deadline = time.monotonic() + self._ready_s
         while not (found := _ANNOUNCED.search(self.output(), printed_before)):
-            if process.poll() is not None:
-                raise ServerFailedError(f"The server ended with {process.returncode}:\n{self.output(60)}")
+            if (status := process.poll()) is not None:
+                raise ServerFailedError(f"The server ended with {status}:\n{self.output(60)}")
             if time.monotonic() > deadline:
                 raise ServerFailedError(f"The server was not ready in {self._ready_s:.0f} s:\n{self.output(60)}")
             time.sleep(0.02)

@@ -47,7 +47,7 @@ def state(
     media_type = preferred(request, (JSON, ARROW, NPY))
     if observed:
         return encode_state(view, media_type)
-    key = (view.location_id, view.revision, query, media_type, view.confidence)
+    key = (view.location_id, view.revision, query, media_type, view.confidence, view.unavailable)
     return with_etag(request, key, partial(encode_state, view, media_type))
 
 

@@ -12,13 +12,13 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from hypothesis import settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from app.client import OutboxError, OutboxFullError, Pending
 from app.client.outbox.file import prepare
-from app.client.outbox.store import Store
+from app.client.outbox.store import PAGE_BYTES, Store
 from app.client.posting import Batch
 from tests.support.paths import ROOT
 
@@ -233,6 +233,74 @@ def test_a_damaged_file_is_noticed_when_it_is_opened(path: Path, store: Store) -
         prepare(path)
 
 
+@pytest.fixture(scope="module")
+def torn_off(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[int]]:
+    """An outbox as a crash leaves it, with a log of several posts, and where in the log each of them ends."""
+    path = tmp_path_factory.mktemp("torn") / "outbox.db"
+    prepare(path)
+    log, ends = Path(f"{path}-wal"), []
+    with closing(Store(path, durable=True)) as store:
+        for number in range(6):
+            store.put([batch(content=bytes([number]) * 3000), batch(key=f"{number}")], 1 << 20)
+            ends.append(log.stat().st_size)
+        for file in (path, log):
+            shutil.copyfile(file, file.with_name(file.name.replace("outbox", "crashed")))
+    return path.with_name("crashed.db"), ends
+
+
+@given(data=st.data())
+def test_a_log_torn_off_keeps_every_post_that_was_whole(torn_off: tuple[Path, list[int]], data: st.DataObject) -> None:
+    """As by a power cut before a post had reached the disk; what comes behind the tear may be anything."""
+    crashed, ends = torn_off
+    whole = Path(f"{crashed}-wal").read_bytes()
+    tear = data.draw(st.integers(0, len(whole)) | st.sampled_from(ends))
+    rubbish = data.draw(st.sampled_from([b"", bytes(5000), bytes(range(256)) * 40]))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "outbox.db"
+        shutil.copyfile(crashed, path)
+        Path(f"{path}-wal").write_bytes(whole[:tear] + rubbish)
+        prepare(path)
+        with closing(Store(path, durable=True)) as store:
+            posts = sum(end <= tear for end in ends)
+            assert store.pending().batches == 2 * posts
+            store.put([batch(key="later")], 1 << 20)
+            for number in range(posts):
+                for expected in (batch(content=bytes([number]) * 3000), batch(key=f"{number}")):
+                    kept = store.first()
+                    assert kept is not None
+                    assert (kept.batch, kept.damaged) == (expected, False)
+                    store.sent(kept.id)
+            last = store.first()
+            assert last is not None
+            assert last.batch.key == "later"
+
+
+@given(data=st.data())
+def test_nothing_in_a_file_cut_short_is_taken_for_what_was_observed(data: st.DataObject) -> None:
+    written = [batch(content=bytes([number]) * 3000) for number in range(1, 21)]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "outbox.db"
+        prepare(path)
+        with closing(Store(path, durable=True)) as store:
+            store.put(written, 1 << 20)
+        size = path.stat().st_size
+        left = data.draw(st.integers(100, size - 1) | st.integers(size - PAGE_BYTES, size - 1))
+        with path.open("r+b") as file:
+            file.truncate(left)
+        try:
+            prepare(path)
+        except OutboxError:
+            return
+        # Only the end of the last page is gone.
+        assert size - left < PAGE_BYTES
+        with closing(Store(path, durable=True)) as store:
+            for expected in written:
+                kept = store.first()
+                assert kept is not None
+                assert kept.damaged or kept.batch == expected
+                store.sent(kept.id)
+
+
 def test_a_changed_content_is_not_taken_for_what_was_observed(store: Store, path: Path) -> None:
     store.put([batch(content=b"101")], MOST)
     with closing(sqlite3.connect(path, isolation_level=None)) as db:
@@ -281,7 +349,7 @@ def test_a_disk_that_takes_no_more_in_the_midst_of_a_put(path: Path) -> None:
 import resource
 from pathlib import Path
 from app.client import OutboxError
-from app.client.outbox.store import Store
+from app.client.outbox.store import PAGE_BYTES, Store
 from tests.unit.client.test_outbox_store import batch
 store = Store(Path({str(path)!r}), durable=True)
 store.put([batch(content=bytes(100_000))], 1 << 30)
@@ -316,7 +384,7 @@ def test_processes_that_open_a_new_outbox_at_once_make_one(tmp_path: Path) -> No
     code = f"""
 from pathlib import Path
 from app.client.outbox.file import prepare
-from app.client.outbox.store import Store
+from app.client.outbox.store import PAGE_BYTES, Store
 from tests.unit.client.test_outbox_store import batch
 path = Path({str(tmp_path / "outbox.db")!r})
 input()

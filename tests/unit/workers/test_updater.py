@@ -16,13 +16,14 @@ from app.events.messages import Message
 from app.schemas.jobs import Job
 from app.services import jobs as jobs_service
 from app.services.context import Context
+from app.services.history import compact
 from app.services.jobs import cancel_job, claim_job, get_job, list_jobs, request_update
 from app.services.locations import delete_location, find_location, get_location
 from app.services.predict import StateQuery, state_at
 from app.services.update import UpdateRequest
 from app.spectral.recipe import Recipe
-from app.storage.records import LocationRecord, RevisionRecord
-from app.storage.tables import observation
+from app.storage.records import JobRecord, LocationRecord, RevisionRecord
+from app.storage.tables import history
 from app.workers import updater as updater_module
 from app.workers.updater import Updater, is_due
 from tests.support.contexts import NOW, Clock, make_location, opened, post_rows, post_states
@@ -117,8 +118,8 @@ def test_posts_become_a_model_without_anybody_asking(lively: Context, clock: Clo
 def test_an_update_that_fails_is_not_asked_for_all_the_time(lively: Context, clock: Clock) -> None:
     make_location(lively, "door", estimator="fft", order=1)
     post_states(lively, "door", 60.0 * np.arange(60), np.ones(60))
-    row = observation.c.id == 1
-    lively.store.write(lambda work: work.jobs._connection.execute(update(observation).where(row).values(payload=b"")))
+    compact(lively, "door")
+    lively.store.write(lambda work: work.jobs._connection.execute(update(history).values(payload=b"")))
     with working(lively):
         until(lambda: [job for job in list_jobs(lively, None, 9) if job.state == "failed"])
         time.sleep(0.2)
@@ -279,6 +280,47 @@ def test_the_end_of_a_job_is_stored_once_the_database_is_back(lively: Context, m
         assert get_job(lively, job.id).state == "running"
         monkeypatch.setattr("app.storage.store.Store.write", lambda _, *arguments: write(*arguments))
         assert until(lambda: finished(lively, job.id)).state == "done"
+
+
+def test_a_job_runs_even_if_it_is_not_known_whether_it_was_claimed(
+    lively: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_location(lively, "door")
+    post_states(lively, "door", [0.0, 60.0], [0, 1])
+    job = request_update(lively, "door", STATIC)
+    write = lively.store.write
+    lost = [StorageUnavailableError()]
+
+    def lose_the_answer(_: Any, *arguments: Any) -> Any:
+        result = write(*arguments)
+        if isinstance(result, JobRecord) and lost:
+            raise lost.pop()
+        return result
+
+    monkeypatch.setattr("app.storage.store.Store.write", lose_the_answer)
+    with working(lively):
+        assert until(lambda: finished(lively, job.id)).state == "done"
+    assert lost == []
+
+
+def test_a_job_does_not_fail_because_the_database_is_away(lively: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    from app.services import update
+
+    away = [StorageUnavailableError(), StorageUnavailableError()]
+    plan = update._plan
+
+    def read(*arguments: Any) -> Any:
+        if away:
+            raise away.pop()
+        return plan(*arguments)
+
+    monkeypatch.setattr(update, "_plan", read)
+    make_location(lively, "door")
+    post_states(lively, "door", [0.0, 60.0], [0, 1])
+    with working(lively):
+        job = request_update(lively, "door", STATIC)
+        assert until(lambda: finished(lively, job.id)).state == "done"
+    assert away == []
 
 
 def test_a_full_queue_does_not_fail_an_update_for_its_progress(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:

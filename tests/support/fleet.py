@@ -1,0 +1,149 @@
+"""Robots at work: threads that observe and post until they are told to stop, whatever becomes of the server."""
+
+import os
+import random
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+from app.client import Client, Patience, Queued, TidemapError
+from tests.support.sightings import Sighting
+from tests.support.stored import check_stored
+from tests.support.waiting import WAIT_S, until
+
+WITH_OUTBOX = 16
+WITHOUT_OUTBOX = 2
+BACKLOG = 5
+"""Batches that a robot lets wait in its outbox before it observes more."""
+AGAIN_S = 0.02
+EAGER = Patience(first_s=0.05, most_s=0.2)
+ONCE = Patience(tries=1)
+RESTLESS = {
+    "TIDEMAP_VIEWER": "false",
+    "TIDEMAP_UPDATER_INTERVAL_S": "0.05",
+    "TIDEMAP_UPDATE_REST_S": "0",
+    "TIDEMAP_UPDATE_GROWTH": "0.01",
+}
+"""A server that refits and compacts all the time, so that its end comes in the midst of that too."""
+
+
+class OutboxRobot:
+    """Keeps what it sees in an outbox; every fifth observation twice, with the same key."""
+
+    def __init__(self, number: int, client: Client[Queued]) -> None:
+        self.number = number
+        self.client = client
+        self.kept: list[Sighting] = []
+
+    def run(self, stop: threading.Event) -> None:
+        """Observe as fast as the outbox is emptied."""
+        while not stop.wait(AGAIN_S):
+            while self.client.outbox.pending.batches < BACKLOG and not stop.is_set():
+                self._observe(Sighting(self.number, len(self.kept)))
+
+    def _observe(self, sighting: Sighting) -> None:
+        key = f"{sighting}" if sighting.number % 5 == 0 else None
+        for _ in range(1 if key is None else 2):
+            sighting.post(self.client, key)
+        self.kept.append(sighting)
+
+
+class DirectRobot:
+    """Posts without an outbox, each observation as often as it takes to hear that it is stored."""
+
+    def __init__(self, number: int, client: Client[Any]) -> None:
+        self.number = number
+        self.client = client
+        self.kept: list[Sighting] = []
+        self.failures: list[int] = []
+        """HTTP status of every try that failed, 0 where nobody answered."""
+
+    def run(self, stop: threading.Event) -> None:
+        """Post one after the other; when told to stop it still finishes what it began."""
+        while not stop.is_set():
+            sighting = Sighting(self.number, len(self.kept))
+            while not self._stored(sighting):
+                time.sleep(AGAIN_S)
+            self.kept.append(sighting)
+
+    def _stored(self, sighting: Sighting) -> bool:
+        try:
+            sighting.post(self.client, f"{sighting}")
+        except TidemapError as error:
+            self.failures.append(error.status)
+            return False
+        return True
+
+
+class Fleet:
+    """Robots with an outbox and robots without."""
+
+    def __init__(self, outboxes: list[OutboxRobot], direct: list[DirectRobot]) -> None:
+        self.outboxes = outboxes
+        self.direct = direct
+
+    @property
+    def kept(self) -> list[Sighting]:
+        """All that a robot may rely on."""
+        return [sighting for robot in [*self.outboxes, *self.direct] for sighting in robot.kept]
+
+    @property
+    def failures(self) -> list[int]:
+        """The status of every direct post that failed."""
+        return [status for robot in self.direct for status in robot.failures]
+
+    def acknowledged(self) -> int:
+        """How many direct posts the server has answered."""
+        return sum(len(robot.kept) for robot in self.direct)
+
+    def wait_for_answers(self, count: int) -> None:
+        """Until the server has answered so many more direct posts."""
+        before = self.acknowledged()
+        until(lambda: self.acknowledged() >= before + count)
+
+    def deliver(self) -> None:
+        """Wait until every outbox is empty; none of it was refused."""
+        for robot in self.outboxes:
+            assert robot.client.outbox.flush(WAIT_S), robot.client.outbox.pending
+            assert robot.client.outbox.refused() == []
+
+    def check(self, url: str, database_url: str) -> None:
+        """Everything that a robot may rely on is stored exactly once, and nothing else."""
+        check_stored(url, database_url, self.kept)
+
+
+@contextmanager
+def fleet_at_work(url: str, folder: Path) -> Iterator[Fleet]:
+    """Robots at work on the server at `url` until the end of the block; then all that they kept is delivered."""
+    with ExitStack() as stack:
+        stop = threading.Event()
+        fleet = Fleet(
+            [
+                OutboxRobot(n, stack.enter_context(Client(url, outbox=folder / f"{n}.db", patience=EAGER)))
+                for n in range(WITH_OUTBOX)
+            ],
+            [
+                DirectRobot(WITH_OUTBOX + n, stack.enter_context(Client(url, patience=ONCE)))
+                for n in range(WITHOUT_OUTBOX)
+            ],
+        )
+        pool = stack.enter_context(ThreadPoolExecutor(WITH_OUTBOX + WITHOUT_OUTBOX))
+        running = [pool.submit(robot.run, stop) for robot in [*fleet.outboxes, *fleet.direct]]
+        try:
+            yield fleet
+        finally:
+            stop.set()
+        for each in running:
+            each.result()
+        fleet.deliver()
+
+
+def dice() -> random.Random:
+    """Chance for a test: the same in every run of CI, new elsewhere, and shown when the test fails."""
+    seed = 0 if "CI" in os.environ else random.randrange(1 << 32)
+    print(f"seed {seed}")
+    return random.Random(seed)
