@@ -169,7 +169,7 @@ def _search(ctx: Context, model: Fitted, chunk: int, start: int, stop: int, crit
     step = max(1, BLOCK_VALUES // size)
     for low in range(start, stop, step):
         high = min(low + step, stop)
-        states = read_history(ctx, place.name, chunk, low, high).states()
+        states = read_history(ctx, place, chunk, low, high).states()
         cells = chunk * CHUNK_CELLS + np.arange(size)
         probability = predict_times(model.spectrum, place.base.time(np.arange(low, high)), cells)
         marked = (states != UNOBSERVED) & is_anomalous(probability, states, criterion.confidence, criterion.rule)
