@@ -9,14 +9,14 @@ from sqlalchemy import Table, delete, select, update
 from app.errors import CorruptChunkError
 from app.schemas.locations import LocationPatch
 from app.schemas.maps import EvaluateForm
-from app.services.anomalies import DetectQuery, detect
+from app.services.anomalies import DetectQuery, EventQuery, acknowledge, detect, list_events
 from app.services.context import Context
 from app.services.evaluate import evaluate
 from app.services.locations import change_location, delete_location, find_location
 from app.services.model import model_of
 from app.services.predict import PredictQuery, StateQuery, predict_at, series, state_at
 from app.services.verify import Finding, verify
-from app.storage.tables import history, observation, spectrum
+from app.storage.tables import anomaly, history, observation, spectrum
 from app.storage.work import Work
 from tests.support.contexts import compact_now, history_of, make_location, post_rows, post_states, refit
 
@@ -235,6 +235,20 @@ class TestHistory:
             refit(ctx, "lab", estimator="static")
             assert bool(findings(ctx)) == left
         assert state_at(ctx, "lab", StateQuery(0.0)).unavailable == []
+
+
+def test_an_event_whose_cells_are_damaged_is_shown_without_them(ctx: Context) -> None:
+    make_location(ctx, "lab", (50, 50), min_cells=1, confidence=0.6)
+    post_rows(ctx, "lab", [(MINUTE * n, 7, 0) for n in range(6)])
+    refit(ctx, "lab", estimator="static")
+    for n in (6, 7):
+        post_rows(ctx, "lab", [(MINUTE * n, 7, 1)])
+    first = update(anomaly).where(anomaly.c.id == 1).values(cells=b"")
+    ctx.store.write(lambda work: work.jobs._connection.execute(first))
+    events = list_events(ctx, EventQuery())
+    assert [(event.id, event.cells, event.bbox is None) for event in events] == [(1, [], True), (2, [7], False)]
+    assert acknowledge(ctx, 1, "me", None).acknowledged_by == "me"
+    assert ctx.damage.count() == 1
 
 
 class TestLog:
