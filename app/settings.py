@@ -23,6 +23,8 @@ def is_loopback(host: str) -> bool:
 
 
 JSON = "application/json"
+DAY_S = 86400.0
+WEEK_S = 7 * DAY_S
 
 
 class Settings(BaseSettings):
@@ -76,6 +78,12 @@ class Settings(BaseSettings):
     # Writing
     commit_queue: int = Field(1024, gt=0, description="Writes that may wait for the writer; more are refused (503).")
     commit_batch: int = Field(128, gt=0, description="Most writes in one group commit.")
+
+    # Keeping
+    idempotency_s: float = Field(
+        WEEK_S, ge=WEEK_S, description="How long a post can be sent again under its Idempotency-Key and be stored once."
+    )
+    jobs_s: float = Field(30 * DAY_S, ge=0, description="How long finished jobs are listed; the last ten stay longer.")
 
     # Updating by itself
     updater: bool = Field(True, description="Refit locations in the background when their history has grown.")

@@ -3,6 +3,7 @@
 from collections.abc import Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import takewhile
 
 from sqlalchemy import Case, Column, ColumnElement, Connection, case, delete, func, insert, or_, select, update
 
@@ -184,6 +185,26 @@ class Observations:
         self._connection.execute(
             update(location).where(location.c.id == place.id, location.c.first_time < first).values(first_time=first)
         )
+
+    def prunable(self, location_id: int, before: float, most: int) -> int | None:
+        """The last of the earliest observations that are compacted and were received before a time; None without any.
+
+        Of `most` at a time, so that what is left of the log has no gaps.
+        """
+        earliest = (
+            select(observation.c.id, observation.c.received_at, observation.c.payload.is_(None).label("compacted"))
+            .where(observation.c.location_id == location_id)
+            .order_by(observation.c.id)
+            .limit(most)
+        )
+        rows = self._connection.execute(earliest)
+        old = takewhile(lambda row: row.compacted and row.received_at < before, rows)
+        return max((row.id for row in old), default=None)
+
+    def prune(self, location_id: int, through: int) -> int:
+        """Drop the log up to an observation that is `prunable`, with the idempotency keys in it; how many rows."""
+        mine = (observation.c.location_id == location_id) & (observation.c.id <= through)
+        return self._connection.execute(delete(observation).where(mine)).rowcount
 
     def _put(self, location_id: int, chunk: int, number: int, payload: bytes) -> None:
         stored = self._connection.execute(
