@@ -94,7 +94,10 @@ class Settings(BaseSettings):
         gt=0,
         description="Refit when the measurements since the last update reach this share of those before.",
     )
-    update_rest_s: float = Field(30.0, ge=0, description="… and at least this long after the last update.")
+    update_latest_s: float = Field(
+        DAY_S, gt=0, description="… or, where there are any at all, so long after the last update."
+    )
+    update_rest_s: float = Field(30.0, ge=0, description="At least this long is between two updates.")
     update_threads: int = Field(2, gt=0, description="Threads one update may use.")
 
     # Reading and streaming
