@@ -3,8 +3,7 @@
 import asyncio
 import sqlite3
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from itertools import count
@@ -50,13 +49,6 @@ def make(process: ServerProcess, name: str) -> None:
 
 def robot(url: str, path: Path, **how: Any) -> Client[Queued]:
     return Client(url, outbox=path, patience=EAGER, **how)
-
-
-def until(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 120
-    while not condition():
-        assert time.monotonic() < deadline, "it did not come to that"
-        time.sleep(0.01)
 
 
 def stored(process: ServerProcess, name: str = "door") -> tuple[int, dict[int, int]]:
