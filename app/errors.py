@@ -155,6 +155,18 @@ class BodyTooLargeError(TidemapError):
         )
 
 
+class BodyStalledError(TidemapError):
+    """The sender stopped in the midst of a body."""
+
+    code = "body-stalled"
+    title = "Body stalled"
+
+    def __init__(self, waited_s: float) -> None:
+        super().__init__(
+            f"Nothing more of the body came for {waited_s:.0f} seconds. Send it again; nothing was stored."
+        )
+
+
 class InvalidInputError(TidemapError):
     """Readable but wrong. `errors` name the fields and the mend."""
 
@@ -191,12 +203,33 @@ class ForbiddenError(TidemapError):
     title = "Not allowed"
 
 
+class OtherSiteError(TidemapError):
+    """A page of another site asks in the name of whoever looks at it."""
+
+    code = "other-site"
+    title = "Another site"
+
+
 class BusyError(TidemapError):
     """The server cannot take this now; the same request may be sent again after `retry_after_s`."""
 
     code = "busy"
     title = "Busy"
     retry_after_s = 1
+
+
+class RateLimitError(BusyError):
+    """More requests than the limit, of one key or from one address."""
+
+    code = "rate-limit"
+    title = "Too many requests"
+
+    def __init__(self, retry_after_s: int) -> None:
+        super().__init__(
+            f"Too many requests came in a short time. Send this again in {retry_after_s} s, and several measurements "
+            "in one post; nothing was stored."
+        )
+        self.retry_after_s = retry_after_s
 
 
 class ShuttingDownError(BusyError):
@@ -218,6 +251,20 @@ class QueueFullError(BusyError):
 
     def __init__(self) -> None:
         super().__init__("The commit queue is full. Send this again in a second; nothing was stored.")
+
+
+class TooManyBodiesError(BusyError):
+    """The memory for bodies is taken by others."""
+
+    code = "too-many-bodies"
+    title = "Too many bodies"
+    retry_after_s = 2
+
+    def __init__(self) -> None:
+        super().__init__(
+            "Too many large bodies are being read. Send this again in a few seconds, or smaller posts; "
+            "nothing was stored."
+        )
 
 
 class CorruptChunkError(TidemapError):

@@ -48,6 +48,12 @@ class Settings(BaseSettings):
         gt=0,
         description="Largest JSON body, unpacked; read, it takes up to 40 times its size.",
     )
+    max_parsing_bytes: int = Field(
+        512 * 2**20,
+        gt=0,
+        description="Memory for all bodies that are being read and parsed; more wait a little or are refused (503). "
+        "One body may exceed it: an Arrow or npy body takes up to 12 times its size, JSON up to 32 times.",
+    )
     max_cells: int = Field(16_000_000, gt=0, description="Largest number of cells of one location.")
     max_points: int = Field(1_000_000, gt=0, description="Largest number of values in a predict or series answer.")
     max_samples: int = Field(
@@ -56,6 +62,18 @@ class Settings(BaseSettings):
         description="Longest window of a model in samples; older history is kept but not modelled.",
     )
     future_s: float = Field(3600.0, ge=0, description="How far ahead of the server's clock a measurement may be.")
+
+    # How many requests
+    requests_per_s: float = Field(
+        200.0,
+        ge=0,
+        description="Requests a second of one key, or of one address beyond loopback where no key is needed; more are "
+        "refused (429). 0: no limit. A proxy's clients are told apart where FORWARDED_ALLOW_IPS names the proxy.",
+    )
+    requests_burst: int = Field(1000, gt=0, description="… and at most so many at once.")
+    wrong_keys_per_minute: float = Field(
+        60.0, ge=0, description="Wrong keys a minute from one address; more are not even looked at (429). 0: no limit."
+    )
 
     # Writing
     commit_queue: int = Field(1024, gt=0, description="Writes that may wait for the writer; more are refused (503).")
@@ -76,7 +94,10 @@ class Settings(BaseSettings):
         gt=0,
         description="Refit when the measurements since the last update reach this share of those before.",
     )
-    update_rest_s: float = Field(30.0, ge=0, description="… and at least this long after the last update.")
+    update_latest_s: float = Field(
+        DAY_S, gt=0, description="… or, where there are any at all, so long after the last update."
+    )
+    update_rest_s: float = Field(30.0, ge=0, description="At least this long is between two updates.")
     update_threads: int = Field(2, gt=0, description="Threads one update may use.")
 
     # Reading and streaming

@@ -1,5 +1,6 @@
 """Bodies: read within a limit that counts unpacked bytes, gzip or zstd unpacked on the way."""
 
+import asyncio
 import time
 import zlib
 from collections.abc import Callable, Coroutine, Iterator, Mapping
@@ -13,11 +14,16 @@ from starlette.responses import Response
 from starlette.types import Message, Receive
 
 from app.api.auth import of_connection
-from app.errors import BodyTooLargeError, UnreadableBodyError, UnsupportedMediaTypeError
+from app.api.budget import Share
+from app.errors import BodyStalledError, BodyTooLargeError, UnreadableBodyError, UnsupportedMediaTypeError
 from app.settings import JSON
 
 LINGER_S = 10.0
+STALL_S = 30.0
+"""How long a sender may pause in the midst of a body."""
 UNPACK_STEP = 1 << 10
+FORM_COST = 32
+"""Bytes of memory that each byte of a JSON form takes at most; its own included."""
 
 
 class Unpacker:
@@ -49,37 +55,49 @@ UNPACKERS: Mapping[str, Callable[[], Any]] = {
 }
 
 
-async def read_body(request: Request, limit: int) -> bytes:
-    """The unpacked body. Raises BodyTooLargeError, UnreadableBodyError, UnsupportedMediaTypeError.
+async def read_body(request: Request, limit: int, share: Share) -> bytearray:
+    """The unpacked body, with `share` grown to its length.
 
+    Raises BodyTooLargeError, BodyStalledError, TooManyBodiesError, UnreadableBodyError, UnsupportedMediaTypeError.
     A body that is too large is read to its end for a while and thrown away, so that its sender gets the answer
     instead of a broken connection.
     """
     unpacker = _unpacker(request)
-    declared = request.headers.get("content-length", "")
-    if declared.isdigit() and int(declared) > limit:
+    declared = _declared(request)
+    if declared > limit:
         await _drain(request)
         raise BodyTooLargeError(limit)
-    parts: list[bytes] = []
-    size, more = 0, True
+    await share.grow(declared)
+    content, more = bytearray(), True
     while more:
         data, more = await _receive(request)
         for part in _unpacked(unpacker, data):
-            size += len(part)
-            if size > limit:
-                parts.clear()
+            if len(content) + len(part) > limit:
+                content.clear()
                 if more:
                     await _drain(request)
                 raise BodyTooLargeError(limit)
-            parts.append(part)
+            if len(content) + len(part) > share.held:
+                await share.grow(len(content) + len(part) - share.held)
+            content += part
     if unpacker is not None and not unpacker.eof:
         raise UnreadableBodyError("The compressed body is cut short.")
-    return b"".join(parts)
+    return content
+
+
+def _declared(request: Request) -> int:
+    """The length of the body as it is sent, 0 where that is not said."""
+    declared = request.headers.get("content-length", "")
+    return int(declared) if declared.isdigit() else 0
 
 
 async def _receive(request: Request) -> tuple[bytes, bool]:
     """The next part of the body and whether there is more."""
-    message = await request.receive()
+    try:
+        async with asyncio.timeout(STALL_S):
+            message = await request.receive()
+    except TimeoutError:
+        raise BodyStalledError(STALL_S) from None
     if message["type"] != "http.request":
         raise UnreadableBodyError("The connection ended before the body did.")
     return message.get("body", b""), message.get("more_body", False)
@@ -128,10 +146,12 @@ class FormRoute(APIRoute):
 
         async def handle_read(request: Request) -> Response:
             await run_in_threadpool(of_connection, request)
-            content = await read_body(request, request.app.state.ctx.settings.body_limit(JSON))
-            if content:
-                _check_json(request)
-            return await handle(Request(request.scope, _receiver(content)))
+            with request.app.state.budget.share() as share:
+                content = await read_body(request, request.app.state.ctx.settings.body_limit(JSON), share)
+                if content:
+                    _check_json(request)
+                await share.grow(len(content) * (FORM_COST - 1))
+                return await handle(Request(request.scope, _receiver(content)))
 
         return handle_read
 
@@ -142,7 +162,7 @@ def _check_json(request: Request) -> None:
         raise UnsupportedMediaTypeError(f"Content-Type {media_type!r} is not read here; send application/json.")
 
 
-def _receiver(content: bytes) -> Receive:
+def _receiver(content: bytearray) -> Receive:
     """Gives a body that has been read already."""
 
     async def receive() -> Message:

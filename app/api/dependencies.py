@@ -1,5 +1,6 @@
 """What routes depend on: the context, bodies within their limit, times and cursors of queries."""
 
+from collections.abc import AsyncIterator
 from typing import Annotated
 
 from fastapi import Depends, Query, Request
@@ -8,7 +9,7 @@ from pydantic import AfterValidator
 from app.api.auth import require
 from app.api.bodies import read_body
 from app.errors import InvalidInputError
-from app.ingest.observation import Body
+from app.ingest.observation import COST, Body
 from app.schemas.common import Text, parse_time
 from app.services.context import Context
 from app.services.keys import Principal
@@ -20,11 +21,14 @@ def context(request: Request) -> Context:
     return ctx
 
 
-async def body(request: Request) -> Body:
-    """The unpacked body of a request, within the limit."""
+async def body(request: Request) -> AsyncIterator[Body]:
+    """The unpacked body of a request, within the limit, and memory to parse it."""
     ctx: Context = request.app.state.ctx
     media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
-    return Body(await read_body(request, ctx.settings.body_limit(media_type)), media_type)
+    with request.app.state.budget.share() as share:
+        content = await read_body(request, ctx.settings.body_limit(media_type), share)
+        await share.grow(len(content) * (COST.get(media_type, 1) - 1))
+        yield Body(content, media_type)
 
 
 def query_time(name: str, value: str | None) -> float | None:
@@ -54,7 +58,7 @@ def _storable(number: int) -> int:
 LARGEST_ID = 2**63 - 1
 Id = Annotated[int, AfterValidator(_storable)]
 Ctx = Annotated[Context, Depends(context)]
-BodyIn = Annotated[Body, Depends(body)]
+BodyIn = Annotated[Body, Depends(body, scope="function")]
 Robot = Annotated[Principal, Depends(require("robot"))]
 Operator = Annotated[Principal, Depends(require("operator"))]
 Admin = Annotated[Principal, Depends(require("admin"))]

@@ -23,9 +23,12 @@ STATUS: Mapping[type[Exception], int] = {
     errors.UnreadableBodyError: 400,
     errors.UnsupportedMediaTypeError: 415,
     errors.BodyTooLargeError: 413,
+    errors.BodyStalledError: 408,
     errors.InvalidInputError: 422,
     errors.UnauthorizedError: 401,
     errors.ForbiddenError: 403,
+    errors.OtherSiteError: 403,
+    errors.RateLimitError: 429,
     errors.BusyError: 503,
     errors.CorruptChunkError: 500,
     errors.SchemaVersionError: 503,
@@ -54,6 +57,8 @@ def install(app: FastAPI) -> None:
 def _domain(request: Request, error: Exception) -> Response:
     if not isinstance(error, errors.TidemapError):
         raise error
+    if isinstance(error, errors.BusyError):
+        request.app.state.refused.labels(error.code).inc()
     return domain_response(request.url.path, error)
 
 
@@ -79,7 +84,7 @@ def _headers(error: Exception) -> dict[str, str]:
         return {"WWW-Authenticate": "Bearer"}
     if isinstance(error, errors.BusyError):
         return {"Retry-After": str(error.retry_after_s)}
-    if isinstance(error, errors.BodyTooLargeError):
+    if isinstance(error, errors.BodyTooLargeError | errors.BodyStalledError):
         return {"Connection": "close"}
     return {}
 

@@ -8,26 +8,23 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from app.errors import FieldError, InvalidInputError, UnreadableBodyError
-from app.ingest.columns import Columns, narrow_states
+from app.ingest.columns import Columns, Content, Integers, misnamed, of_table
 from app.space.grid import Grid
 
 
-def read(content: bytes, kind: str, grid: Grid) -> Columns:
+def read(content: Content, kind: str, grid: Grid) -> Columns:
     """Columns of an Arrow IPC stream. Raises UnreadableBodyError, InvalidInputError."""
     del grid
-    table = _load(content, {"time", "state"} if kind == "state" else {"time", "cell", "state"})
-    times = _times(table.column("time"))
-    cells = np.zeros(len(times), np.int64) if kind == "state" else _integers(table.column("cell"), "cell")
-    states = _integers(table.column("state"), "state")
-    cell_field = ("time[{}]" if kind == "state" else "cell[{}]").format
-    return Columns(times, cells, narrow_states(states), "time[{}]".format, cell_field, "state[{}]".format, "time")
+    table = _load(content, kind)
+    cell = None if kind == "state" else _integers(table.column("cell"))
+    return of_table(_times(table.column("time")), cell, _integers(table.column("state")))
 
 
-def _load(content: bytes, wanted: set[str]) -> Any:
+def _load(content: Content, kind: str) -> Any:
     """The table; nothing but the schema is read before that is right, and nothing is ever unpacked."""
     try:
         with pa.ipc.open_stream(pa.py_buffer(content)) as reader:
-            _check_columns(reader.schema, wanted)
+            _check_columns(reader.schema, kind)
             _refuse_packed(content)
             table = reader.read_all()
         table.validate(full=True)
@@ -37,7 +34,7 @@ def _load(content: bytes, wanted: set[str]) -> Any:
     return table
 
 
-def _refuse_packed(content: bytes) -> None:
+def _refuse_packed(content: Content) -> None:
     """Packed buffers would unpack to any size behind the limit of a body."""
     for message in pa.ipc.MessageReader.open_stream(pa.py_buffer(content)):
         if message.type == "record batch" and is_packed(message.metadata.to_pybytes()):
@@ -65,17 +62,11 @@ def _field(metadata: bytes, table: int, number: int) -> int | None:
     return table + offset if offset else None
 
 
-def _check_columns(schema: Any, wanted: set[str]) -> None:
-    names = list(schema.names)
-    errors = [
-        FieldError(name, f"this column is not known here; send {', '.join(sorted(wanted))}")
-        for name in dict.fromkeys(names)
-        if name not in wanted
-    ]
-    errors += [FieldError(name, "this column is missing") for name in sorted(wanted - set(names))]
-    errors += [FieldError(name, "this column stands twice") for name in sorted(wanted) if names.count(name) > 1]
+def _check_columns(schema: Any, kind: str) -> None:
+    errors = misnamed(list(schema.names), kind)
+    unknown = {error.field for error in errors}
     errors += [
-        FieldError(each.name, message) for each in schema if each.name in wanted and (message := _wrong_type(each))
+        FieldError(each.name, message) for each in schema if each.name not in unknown and (message := _wrong_type(each))
     ]
     if errors:
         raise InvalidInputError(*errors)
@@ -89,7 +80,7 @@ def _wrong_type(column: Any) -> str | None:
         return None if right else f"its type is {kind}; send {'uint8 or bool' if column.name == 'state' else 'uint32'}"
     if pa.types.is_timestamp(kind):
         return None if kind.tz else "these timestamps have no zone; send timestamps with tz, or Unix seconds"
-    right = pa.types.is_float64(kind) or pa.types.is_integer(kind)
+    right = pa.types.is_float64(kind) or pa.types.is_int64(kind) or pa.types.is_uint64(kind)
     return None if right else f"its type is {kind}; send float64 Unix seconds or timestamps with a zone"
 
 
@@ -101,15 +92,16 @@ def _refuse_nulls(table: Any) -> None:
 
 def _times(column: Any) -> NDArray[np.float64]:
     if not pa.types.is_timestamp(column.type):
-        return np.asarray(column.to_numpy(), np.float64)
+        return np.asarray(_values(column), np.float64)
     unit = {"s": 1, "ms": 1e3, "us": 1e6, "ns": 1e9}[column.type.unit]
-    return np.asarray(column.cast(pa.int64()).to_numpy() / unit, np.float64)
+    return np.asarray(_values(column.cast(pa.int64())) / unit, np.float64)
 
 
-def _integers(column: Any, field: str) -> NDArray[np.int64]:
-    if pa.types.is_boolean(column.type):
-        column = column.cast(pa.uint8())
-    values = column.to_numpy()
-    if values.dtype == np.uint64 and (values > np.iinfo(np.int64).max).any():
-        raise InvalidInputError.at(field, "a value is too large")
-    return np.asarray(values, np.int64)
+def _integers(column: Any) -> Integers:
+    return _values(column.cast(pa.uint8()) if pa.types.is_boolean(column.type) else column)
+
+
+def _values(column: Any) -> NDArray[Any]:
+    """The values of a column; those of a single batch where they stand in the body."""
+    array = column.chunk(0) if column.num_chunks == 1 else column.combine_chunks()
+    return np.asarray(array.to_numpy(zero_copy_only=False))

@@ -8,14 +8,14 @@ import orjson
 from numpy.typing import NDArray
 
 from app.errors import FieldError, InvalidInputError, UnreadableBodyError
-from app.ingest.columns import Columns, integers_of, narrow_states, time_of, times_of, whole
+from app.ingest.columns import Columns, Content, integers_of, of_table, time_of, times_of, whole
 from app.space.grid import Grid
 
 CELL_MESSAGE = "a cell is its linear index or [i,j,k]"
 STATE_MESSAGE = "a state is 0 (free) or 1 (occupied)"
 
 
-def read(content: bytes, kind: str, grid: Grid) -> Columns:
+def read(content: Content, kind: str, grid: Grid) -> Columns:
     """Columns of a JSON body. Raises UnreadableBodyError, InvalidInputError."""
     document = _load(content)
     if not isinstance(document, dict):
@@ -23,7 +23,7 @@ def read(content: bytes, kind: str, grid: Grid) -> Columns:
     return _state(document) if kind == "state" else _grid(document, grid)
 
 
-def _load(content: bytes) -> Any:
+def _load(content: Content) -> Any:
     try:
         return orjson.loads(content)
     except orjson.JSONDecodeError as error:
@@ -31,7 +31,7 @@ def _load(content: bytes) -> Any:
         raise UnreadableBodyError(f"The body is no JSON: {error}.") from None
 
 
-def _refuse_nonfinite(content: bytes) -> None:
+def _refuse_nonfinite(content: Content) -> None:
     """NaN and Infinity are no JSON, but many writers send them: name the place."""
     try:
         document = json.loads(content, parse_constant=_NonFinite)
@@ -84,10 +84,7 @@ def _state(document: dict[str, Any]) -> Columns:
         raise InvalidInputError.at(
             "state", f"it has {len(states)} values and time has {len(times)}; they must be of one length"
         )
-    cells = np.zeros(len(times), np.int64)
-    return Columns(
-        times, cells, narrow_states(states), "time[{}]".format, "time[{}]".format, "state[{}]".format, "time"
-    )
+    return of_table(times, None, states)
 
 
 def _grid(document: dict[str, Any], grid: Grid) -> Columns:

@@ -17,15 +17,15 @@ _SPECTRUM = ("frequency_hz", "gate", "mean", "cell", "index", "coefficient")
 
 def pack_measurements(measurements: Measurements) -> bytes:
     """Sorted by time; times as runs of equal times, cells as differences, states as bits."""
-    order = np.argsort(measurements.time, kind="stable")
-    time, cell = measurements.time[order], measurements.cell[order]
-    heads = np.flatnonzero(np.diff(time, prepend=np.nan) != 0)
+    if not (measurements.time[1:] >= measurements.time[:-1]).all():
+        measurements = measurements.select(np.argsort(measurements.time, kind="stable"))
+    heads = measurements.heads()
     return seal(
         {
-            "time": time[heads],
-            "run": np.diff(heads, append=len(time)).astype(np.uint32),
-            "cell": np.diff(cell.astype(np.int64), prepend=0).astype(np.int32),
-            "state": np.packbits(measurements.state[order], bitorder="little"),
+            "time": measurements.time[heads],
+            "run": np.diff(heads, append=len(measurements)).astype(np.uint32),
+            "cell": np.diff(measurements.cell, prepend=np.uint32(0)).view(np.int32),
+            "state": np.packbits(measurements.state, bitorder="little"),
         }
     )
 

@@ -122,5 +122,6 @@ def is_due(ctx: Context, place: LocationRecord, revision: RevisionRecord | None)
     if revision is None:
         return (place.last_time - place.first_time) / place.interval_s >= settings.update_samples
     grown = place.measurements - revision.measurements
-    rested = ctx.clock() - revision.updated_at >= settings.update_rest_s
-    return rested and grown >= settings.update_growth * revision.measurements
+    age_s = ctx.clock() - revision.updated_at
+    enough = grown >= settings.update_growth * revision.measurements or (grown and age_s >= settings.update_latest_s)
+    return bool(enough) and age_s >= settings.update_rest_s

@@ -1,5 +1,6 @@
 """The site in this process, on a database of its own, with a clock that stands still."""
 
+import io
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -48,7 +49,7 @@ class Http:
     def __init__(self, portal: BlockingPortal, site: FastAPI) -> None:
         transport = httpx.ASGITransport(site, raise_app_exceptions=False)
         self.portal = portal
-        self._client = httpx.AsyncClient(transport=transport, base_url="http://tidemap")
+        self._client = httpx.AsyncClient(transport=transport, base_url="http://localhost")
 
     def request(self, method: str, path: str, **how: Any) -> httpx.Response:
         return self.portal.call(partial(self._client.request, method, path, **how))
@@ -119,7 +120,8 @@ class Api:
 @contextmanager
 def open_house(folder: Path, database_url: str | None = None, **settings: Any) -> Iterator[Api]:
     """The site with a quiet updater and no viewer."""
-    chosen = {"viewer": False, "updater": False, "log_level": "warning", "max_body_bytes": 2**20, **settings}
+    chosen = {"viewer": False, "updater": False, "log_level": "warning", "max_body_bytes": 2**20}
+    chosen |= {"wrong_keys_per_minute": 0, **settings}
     clock = Clock()
     configured = Settings(data=folder, database_url=database_url, **chosen)
     prepare_database(configured.url)
@@ -164,6 +166,23 @@ def arrow_table(table: Any, **options: Any) -> bytes:
     with pa.ipc.new_stream(sink, table.schema, options=pa.ipc.IpcWriteOptions(**options)) as writer:
         writer.write_table(table)
     return bytes(sink.getvalue())
+
+
+def npy(columns: Mapping[str, Any]) -> bytes:
+    """An npy file of a structured array with a field a column."""
+    arrays = {name: np.asarray(values) for name, values in columns.items()}
+    length = len(next(iter(arrays.values())))
+    rows = np.empty(length, [(name, values.dtype, values.shape[1:]) for name, values in arrays.items()])
+    for name, values in arrays.items():
+        rows[name] = values
+    return npy_file(rows)
+
+
+def npy_file(array: Any) -> bytes:
+    """An npy file of an array."""
+    sink = io.BytesIO()
+    np.save(sink, array)
+    return sink.getvalue()
 
 
 def _column(values: Any) -> Any:

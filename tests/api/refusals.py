@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from tests.api.house import ARROW, HOUR, JSON, NOW, Api, arrow, fortnight, problem
+from tests.api.house import ARROW, HOUR, JSON, NOW, NPY, Api, arrow, fortnight, npy, problem
 
 DOOR, LAB = "/locations/door", "/locations/lab"
 NAN, INFINITY = float("nan"), float("inf")
@@ -66,6 +66,11 @@ def look(observation: Any, names: str, says: str = "") -> Case:
 def columns(path: str, table: Any, status: int, names: str | None, says: str = "") -> Case:
     content = table if isinstance(table, bytes) else arrow(table)
     return raw(f"{path}/observations", content, status, names, says, ARROW)
+
+
+def structured(path: str, table: Any, status: int, names: str | None, says: str = "") -> Case:
+    content = table if isinstance(table, bytes) else npy(table)
+    return raw(f"{path}/observations", content, status, names, says, NPY)
 
 
 def table(*cases: Case) -> Any:

@@ -1,10 +1,29 @@
 """Observations that are refused, whole, with the place that is wrong and the mend."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pyarrow as pa
+import pytest
 
-from tests.api.house import DAY, HOUR, NOW, arrow, arrow_table
-from tests.api.refusals import DOOR, INFINITY, LAB, NAN, Case, T, Untouched, columns, form, look, raw, state, table
+from tests.api.house import DAY, HOUR, NOW, arrow, arrow_table, npy, npy_file
+from tests.api.refusals import (
+    DOOR,
+    INFINITY,
+    LAB,
+    NAN,
+    Case,
+    T,
+    Untouched,
+    columns,
+    form,
+    look,
+    raw,
+    state,
+    structured,
+    table,
+)
 
 
 def doubled() -> bytes:
@@ -140,11 +159,72 @@ TABLES = [
     columns(LAB, {"time": [T], "state": ONE}, 422, "cell", "missing"),
     columns(LAB, {"time": [T], "cell": np.array([24], np.uint32), "state": ONE}, 422, "cell[0]", "0 to 23"),
     columns(LAB, {"time": [T], "cell": np.array([-1], np.int32), "state": ONE}, 422, "cell[0]", "0 to 23"),
-    columns(LAB, {"time": [T], "cell": np.array([2**64 - 1], np.uint64), "state": ONE}, 422, "cell"),
+    columns(LAB, {"time": [T], "cell": np.array([2**64 - 1], np.uint64), "state": ONE}, 422, "cell[0]", "0 to 23"),
     columns(LAB, {"time": [T], "cell": [1.0], "state": ONE}, 422, "cell", "uint32"),
     columns(LAB, {"time": [T], "cell": [[0, 0, 1]], "state": ONE}, 422, "cell", "uint32"),
     columns(LAB, {"time": [T], "cell": [True], "state": ONE}, 422, "cell", "uint32"),
     columns(LAB, {"time": [T, T], "cell": [5, 5], "state": [0, 1]}, 422, "cell[1]", "both"),
+]
+
+
+def headed(header: str, rows: bytes = b"", version: bytes = b"\x01\x00") -> bytes:
+    """An npy file with a header as it is given."""
+    text = header.encode("latin-1")
+    return b"\x93NUMPY" + version + len(text).to_bytes(2, "little") + text + rows
+
+
+def described(descr: str, shape: str = "(1,)", rows: bytes = b"") -> bytes:
+    """An npy file with these entries in its header."""
+    return headed(f"{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}}}", rows)
+
+
+PAIR = "[('time', '<f8'), ('state', '|u1')]"
+NPYS = [
+    structured(DOOR, {"time": [T]}, 422, "state", "missing"),
+    structured(DOOR, {"time": [T], "state": ONE, "robot": [1]}, 422, "robot", "send state, time"),
+    structured(DOOR, {"time": [T], "cell": [0], "state": ONE}, 422, "cell", "send state, time"),
+    structured(DOOR, npy_file(np.zeros((3, 2))), 422, "body", "structured array with the fields state, time"),
+    structured(DOOR, npy_file(np.zeros((2, 2), [("time", "f8"), ("state", "u1")])), 422, "body", "shape (n,)"),
+    structured(DOOR, npy_file(np.zeros((), [("time", "f8"), ("state", "u1")])), 422, "body", "shape (n,)"),
+    structured(DOOR, {"time": np.array([T], np.float32), "state": ONE}, 422, "time", "float64"),
+    structured(DOOR, {"time": np.array([T], np.complex128), "state": ONE}, 422, "time", "float64"),
+    structured(DOOR, {"time": np.array([10], "M8[s]"), "state": ONE}, 422, "time", "float64"),
+    structured(DOOR, {"time": [[T, T]], "state": ONE}, 422, "time", "float64"),
+    structured(DOOR, {"time": [T], "state": [1.0]}, 422, "state", "uint8 or bool"),
+    structured(DOOR, {"time": [T], "state": ["1"]}, 422, "state", "uint8 or bool"),
+    structured(DOOR, {"time": [T, NAN], "state": [0, 1]}, 422, "time[1]", "NaN"),
+    structured(DOOR, {"time": [T, INFINITY], "state": [0, 1]}, 422, "time[1]", "infinity"),
+    structured(DOOR, {"time": [T, NOW + DAY], "state": [0, 1]}, 422, "time[1]", "future"),
+    structured(DOOR, {"time": [-1e12], "state": ONE}, 422, "time[0]", "Unix time"),
+    structured(DOOR, {"time": [T, T], "state": np.array([1, 2], np.uint8)}, 422, "state[1]", "0 (free)"),
+    structured(DOOR, {"time": [T], "state": np.array([-1], np.int8)}, 422, "state[0]", "0 (free)"),
+    structured(DOOR, described("[('time', '<f8'), ('state', '|b1')]", rows=b"\0" * 8 + b"\7"), 422, "state[0]"),
+    structured(DOOR, {"time": [T, T], "state": [0, 1]}, 422, "time[1]", "both"),
+    structured(DOOR, {"time": np.empty(0), "state": np.empty(0, np.uint8)}, 422, "time", "at least one"),
+    structured(DOOR, b"", 400, None, "numpy.save"),
+    structured(DOOR, b"\x93NUMPY", 400, None, "numpy.save"),
+    structured(DOOR, b'{"time": [1], "state": [1]}', 400, None, "numpy.save"),
+    structured(DOOR, npy({"time": [T], "state": ONE})[:-1], 400, None, "follow its header"),
+    structured(DOOR, npy({"time": [T], "state": ONE}) + b"\0", 400, None, "follow its header"),
+    structured(DOOR, described(PAIR, "(10**9,)"), 400, None, "numpy.save"),
+    structured(DOOR, described(PAIR, f"({10**30},)"), 400, None, "follow its header"),
+    structured(DOOR, described(PAIR, "(-1,)"), 400, None, "follow its header"),
+    structured(DOOR, described(PAIR, "(1.5,)"), 400, None, "numpy.save"),
+    structured(DOOR, described("[('time', '|O'), ('state', '|O')]", rows=b"\0" * 16), 422, "time", "float64"),
+    structured(DOOR, described("'|O'"), 422, "body", "structured"),
+    structured(DOOR, described("__import__('os')"), 400, None, "numpy.save"),
+    structured(DOOR, described("(" * 2000), 400, None, "numpy.save"),
+    structured(DOOR, headed("{}"), 400, None, "numpy.save"),
+    structured(DOOR, headed("{" + " " * 60_000 + "}"), 400, None, "numpy.save"),
+    structured(DOOR, headed("{}", version=b"\x03\x00"), 400, None, "numpy.save"),
+    structured(DOOR, headed("{}", version=b"\xff\x00"), 400, None, "numpy.save"),
+    structured(LAB, {"time": [T], "state": ONE}, 422, "cell", "missing"),
+    structured(LAB, {"time": [T], "cell": np.array([24], np.uint32), "state": ONE}, 422, "cell[0]", "0 to 23"),
+    structured(LAB, {"time": [T], "cell": np.array([-1], np.int32), "state": ONE}, 422, "cell[0]", "0 to 23"),
+    structured(LAB, {"time": [T], "cell": [1.0], "state": ONE}, 422, "cell", "uint32"),
+    structured(LAB, {"time": [T], "cell": [[0, 0, 1]], "state": ONE}, 422, "cell", "uint32"),
+    structured(LAB, {"time": [T], "cell": [True], "state": ONE}, 422, "cell", "uint32"),
+    structured(LAB, {"time": [T, T], "cell": [5, 5], "state": [0, 1]}, 422, "cell[1]", "both"),
 ]
 
 POSTS = [
@@ -174,16 +254,61 @@ def test_in_arrow(site: Untouched, case: Case) -> None:
     site.refuse(case)
 
 
+@table(*NPYS)
+def test_in_npy(site: Untouched, case: Case) -> None:
+    site.refuse(case)
+
+
 @table(*POSTS)
 def test_with_odd_circumstances(site: Untouched, case: Case) -> None:
     site.refuse(case)
 
 
-def test_one_bad_measurement_at_the_end_of_many_refuses_all(site: Untouched) -> None:
-    time = NOW - DAY + np.arange(5000) * 10
-    for bad in (2, 255):
-        states = np.zeros(5000, np.uint8)
-        states[-1] = bad
-        site.refuse(columns(DOOR, {"time": time, "state": states}, 422, "state[4999]"))
-    looks = [{"time": float(t), "occupied": [1]} for t in time[:500]] + [{"time": T, "free": [99]}]
-    site.refuse(form(f"{LAB}/observations", {"observations": looks}, "observations[500].free[0]"))
+MANY = 40_000
+SPOILS: list[tuple[str, str, dict[str, Any]]] = [
+    (DOOR, "time", {"time": NOW + DAY}),
+    (DOOR, "time", {"time": -1e12}),
+    (DOOR, "state", {"state": 2}),
+    (DOOR, "state", {"state": 255}),
+    (LAB, "time", {"time": NOW + DAY}),
+    (LAB, "state", {"state": 2}),
+    (LAB, "cell", {"cell": 24}),
+    (LAB, "cell", {"cell": 2**32 - 1}),
+    (LAB, "cell", {"time": NOW - DAY, "cell": 0, "state": 1}),
+]
+"""Path, field and what stands in the spoilt row; the last contradicts the first row."""
+
+
+@pytest.mark.parametrize("at", [1, 25_000, MANY - 1])
+@pytest.mark.parametrize("spoil", range(len(SPOILS)))
+@pytest.mark.parametrize("way", [columns, structured])
+def test_one_bad_measurement_of_many_refuses_all(
+    site: Untouched, way: Callable[..., Case], spoil: int, at: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.ingest.observation.BLOCK", 10_000)
+    path, field, bad = SPOILS[spoil]
+    table = {
+        "time": NOW - DAY + np.arange(MANY),
+        "cell": (np.arange(MANY) % 24).astype(np.uint32),
+        "state": np.zeros(MANY, np.uint8),
+    }
+    if path == DOOR:
+        del table["cell"]
+    for name, value in bad.items():
+        table[name][at] = value
+    site.refuse(way(path, table, 422, f"{field}[{at}]"))
+
+
+def test_one_bad_measurement_of_many_in_json_refuses_all(site: Untouched) -> None:
+    time = (NOW - DAY + np.arange(5000)).tolist()
+    for at in (0, 2500, 4999):
+        states = [0] * 5000
+        states[at] = 2
+        site.refuse(state(time, states, f"state[{at}]"))
+        late = [*time[:at], NOW + DAY, *time[at + 1 :]]
+        site.refuse(state(late, [0] * 5000, f"time[{at}]"))
+    looks = [{"time": t, "occupied": [1]} for t in time[:500]]
+    for bad, place in (({"free": [3, 99]}, "free[1]"), ({"free": [3], "occupied": [3]}, "free[0]")):
+        site.refuse(
+            form(f"{LAB}/observations", {"observations": [*looks, {"time": T, **bad}]}, f"observations[500].{place}")
+        )

@@ -4,6 +4,7 @@ import gzip
 import json
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -12,7 +13,22 @@ import pyarrow as pa
 import pytest
 import zstandard
 
-from tests.api.house import ARROW, DAY, HOUR, JSON, NOW, Api, arrow, arrow_table, done, fortnight, problem
+from tests.api.house import (
+    ARROW,
+    DAY,
+    HOUR,
+    JSON,
+    NOW,
+    NPY,
+    Api,
+    arrow,
+    arrow_table,
+    done,
+    fortnight,
+    npy,
+    npy_file,
+    problem,
+)
 
 ANSWERED = {"accepted", "duplicate", "first_time", "last_time", "anomalies", "revision"}
 TIMES = [NOW - 3 * HOUR, NOW - 2 * HOUR, NOW - HOUR]
@@ -91,6 +107,30 @@ def test_arrow_columns_are_the_same_measurements(api: Api, body: Callable[[], by
     assert observed(api, name) == [0, 1, 1]
 
 
+def _npy_bodies() -> dict[str, Callable[[], bytes]]:
+    state = np.array([0, 1, 1], np.uint8)
+    time = np.array(TIMES)
+    padded = np.zeros(3, np.dtype([("state", "u1"), ("time", "f8")], align=True))
+    padded["time"], padded["state"] = time, state
+    return {
+        "float64": lambda: npy({"time": time, "state": state}),
+        "int64": lambda: npy({"time": time.astype(np.int64), "state": state}),
+        "bool": lambda: npy({"time": time, "state": state.astype(bool)}),
+        "big-endian": lambda: npy({"time": time.astype(">f8"), "state": state.astype(">i4")}),
+        "padded": lambda: npy_file(padded),
+        "fields-swapped": lambda: npy({"state": state, "time": time}),
+    }
+
+
+@pytest.mark.parametrize("body", _npy_bodies().values(), ids=_npy_bodies())
+def test_fields_of_npy_are_the_same_measurements(api: Api, body: Callable[[], bytes]) -> None:
+    name = api.place()
+    answer = api.post(f"/locations/{name}/observations", content=body(), headers={"Content-Type": NPY})
+    assert done(answer, 201)["accepted"] == 3
+    assert (answer.json()["first_time"], answer.json()["last_time"]) == ("2026-03-01T21:00:00Z", "2026-03-01T23:00:00Z")
+    assert observed(api, name) == [0, 1, 1]
+
+
 def test_arrow_keeps_microseconds(api: Api) -> None:
     name = api.place(interval_s=0.001)
     time = NOW - 1 + np.array([0.25, 0.2515])
@@ -115,14 +155,15 @@ def test_cells_of_a_plane_have_two_indices(api: Api) -> None:
     assert (observed(api, name, 6)[2], observed(api, name, 11)[2]) == (1, 0)
 
 
-def test_arrow_columns_of_a_grid(api: Api) -> None:
+@pytest.mark.parametrize(("media_type", "encode"), [(ARROW, arrow), (NPY, npy)])
+def test_columns_of_a_grid(api: Api, media_type: str, encode: Callable[[Any], bytes]) -> None:
     name = api.lab()
     columns = {
         "time": np.array([NOW - HOUR, NOW - HOUR, NOW - 2 * HOUR]),
         "cell": np.array([3, 4, 3], np.uint32),
         "state": np.array([True, False, False]),
     }
-    answer = api.post(f"/locations/{name}/observations", content=arrow(columns), headers={"Content-Type": ARROW})
+    answer = api.post(f"/locations/{name}/observations", content=encode(columns), headers={"Content-Type": media_type})
     assert done(answer, 201)["accepted"] == 3
     assert (observed(api, name, 3)[1:], observed(api, name, 4)[1:]) == ([0, 1], [None, 0])
 
@@ -199,11 +240,12 @@ def _zstd_unsized(body: bytes) -> bytes:
         ("identity", bytes),
     ],
 )
-@pytest.mark.parametrize("media_type", [JSON, f"{JSON}; charset=utf-8", ARROW])
+@pytest.mark.parametrize("media_type", [JSON, f"{JSON}; charset=utf-8", ARROW, NPY])
 def test_bodies_may_be_packed(api: Api, encoding: str, pack: Callable[[bytes], bytes], media_type: str) -> None:
     name = api.place()
     columns: dict[str, Any] = {"time": np.array(TIMES), "state": np.array([0, 1, 1], np.uint8)}
-    plain = arrow(columns) if media_type == ARROW else orjson.dumps(columns, option=orjson.OPT_SERIALIZE_NUMPY)
+    encode = {ARROW: arrow, NPY: npy}.get(media_type, partial(orjson.dumps, option=orjson.OPT_SERIALIZE_NUMPY))
+    plain = encode(columns)
     headers = {"Content-Type": media_type, "Content-Encoding": encoding}
     assert done(api.post(f"/locations/{name}/observations", content=pack(plain), headers=headers), 201)["accepted"] == 3
     assert observed(api, name) == [0, 1, 1]

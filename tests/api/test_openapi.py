@@ -44,6 +44,8 @@ PARAMETERS = {
     ("get", "/locations/{name}/series"): {"cell", "start", "stop", "step"},
     ("get", "/locations/{name}/model"): {"cell", "order"},
     ("get", "/jobs"): {"limit", "after"},
+    ("get", "/jobs/{}"): {"wait"},
+    ("get", "/keys"): {"limit", "after"},
     ("get", "/anomalies"): {"after", "limit", "start", "stop", "min_surprise", "acknowledged"},
     ("get", "/locations/{name}/anomalies"): {"after", "limit", "start", "stop", "min_surprise", "acknowledged"},
 }
@@ -131,6 +133,8 @@ def test_every_answer_with_content_has_a_schema(document: Any) -> None:
                 continue
             for media_type, media in answer["content"].items():
                 assert media.get("schema"), (method, path, status, media_type)
+    posted = document["paths"][f"{BASE}/locations/{{name}}/observations"]["post"]["requestBody"]["content"]
+    assert posted.keys() == {"application/json", ARROW, NPY}
     state = document["paths"][f"{BASE}/locations/{{name}}/state"]["get"]["responses"]["200"]["content"]
     assert state.keys() == {"application/json", ARROW, NPY}
 

@@ -172,6 +172,25 @@ def test_a_key_that_is_not_valid_yet_costs_nothing_and_is_not_written_down(runni
         assert admin.location("door").get().observations == 1
 
 
+def test_a_limit_of_requests_delays_and_loses_nothing(
+    server: StartServer, path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    limits = {"TIDEMAP_REQUESTS_PER_S": "1", "TIDEMAP_REQUESTS_BURST": "2"}
+    process = server(env={"TIDEMAP_VIEWER": "false", **limits})
+    make(process, "door")
+    with Client(process.url) as owner:
+        key = owner.keys.create("spot", "admin").key
+    with robot(process.url, path, key=key) as spot:
+        for second in range(6):
+            spot.location("door").observe([second], [second % 2])
+        assert spot.outbox.flush(60)
+        assert spot.outbox.refused() == []
+        assert "Too many requests" in caplog.text
+    with Client(process.url, key=key) as owner:  # patient enough for a limit of one a second
+        assert owner.location("door").get().observations == 6
+    assert [time_s for posts in log_of(process).values() for time_s in posts] == list(range(6))
+
+
 def test_cells_as_rows_are_queued_without_the_server(shared_server: ServerProcess, path: Path) -> None:
     cells = np.argwhere(np.ones((4, 3, 2)))
     states = np.arange(48) % 5 == 0

@@ -6,7 +6,7 @@ from fastapi import APIRouter, Header, Query, Response
 from starlette.concurrency import run_in_threadpool
 
 from app.api.dependencies import BodyIn, Ctx, Robot
-from app.ingest.observation import ARROW
+from app.ingest.observation import ARROW, NPY
 from app.schemas.common import Text
 from app.schemas.observations import Accepted, GridObservations, StateObservations
 from app.services.keys import Principal
@@ -45,6 +45,15 @@ _BODY: dict[str, Any] = {
                     "format": "binary",
                     "description": "An Arrow IPC stream with columns time (float64 Unix seconds, or timestamp with a "
                     "zone), cell (uint32; not for kind state) and state (uint8 or bool).",
+                }
+            },
+            NPY: {
+                "schema": {
+                    "type": "string",
+                    "format": "binary",
+                    "description": "What numpy.save writes of a structured array, one row a measurement, with fields "
+                    "time (float64 Unix seconds), cell (uint32; not for kind state) and state (uint8 or bool): "
+                    "numpy.zeros(n, [('time', 'f8'), ('cell', 'u4'), ('state', 'u1')]).",
                 }
             },
         },

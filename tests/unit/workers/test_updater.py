@@ -86,9 +86,17 @@ def test_the_first_update_is_due_once_the_history_is_long_enough(
 
 @pytest.mark.parametrize(
     ("measurements", "later_s", "due"),
-    [(1000, 1e9, False), (1099, 1e9, False), (1100, 29.0, False), (1100, 30.0, True), (9999, 0.0, False)],
+    [
+        (1000, 1e9, False),
+        (1001, 86_399.0, False),
+        (1001, 86_400.0, True),
+        (1099, 1e3, False),
+        (1100, 29.0, False),
+        (1100, 30.0, True),
+        (9999, 0.0, False),
+    ],
 )
-def test_another_is_due_when_the_history_has_grown_and_the_last_has_rested(
+def test_another_is_due_when_the_history_has_grown_enough_or_long_ago(
     ctx: Context, clock: Clock, measurements: int, later_s: float, due: bool
 ) -> None:
     place = place_of(ctx, first_time=0.0, last_time=1e6, measurements=measurements)
