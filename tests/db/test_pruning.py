@@ -1,5 +1,7 @@
 """What is pruned, when, and that nothing else goes with it."""
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 
@@ -23,7 +25,7 @@ def clock() -> Clock:
 
 
 @pytest.fixture
-def ctx(database_url: str, clock: Clock) -> Context:
+def ctx(database_url: str, clock: Clock) -> Iterator[Context]:
     with opened(database_url, clock) as context:
         yield context
 
