@@ -70,7 +70,10 @@ class Settings(BaseSettings):
     )
     requests_burst: int = Field(1000, gt=0, description="… and at most so many at once.")
     wrong_keys_per_minute: float = Field(
-        60.0, ge=0, description="Wrong keys a minute from one address; more are not even looked at (429). 0: no limit."
+        60.0,
+        ge=0,
+        description="Wrong keys a minute from one address; more are not even looked at (429), but keys that were right "
+        "lately go on. 0: no limit.",
     )
 
     # Writing
