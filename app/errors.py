@@ -2,6 +2,9 @@
 
 from dataclasses import dataclass
 
+MOST_ERRORS = 100
+"""Fields that one error names; a body may have a million wrong ones."""
+
 
 @dataclass(frozen=True, slots=True)
 class FieldError:
@@ -174,8 +177,9 @@ class InvalidInputError(TidemapError):
     title = "Invalid input"
 
     def __init__(self, *errors: FieldError) -> None:
-        super().__init__("; ".join(f"{error.field}: {error.message}" for error in errors))
-        self.errors = errors
+        told = errors[:MOST_ERRORS]
+        super().__init__("; ".join(f"{error.field}: {error.message}" for error in told))
+        self.errors = told
 
     @classmethod
     def at(cls, field: str, message: str) -> "InvalidInputError":

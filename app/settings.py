@@ -52,7 +52,7 @@ class Settings(BaseSettings):
         512 * 2**20,
         gt=0,
         description="Memory for all bodies that are being read and parsed; more wait a little or are refused (503). "
-        "One body may exceed it: an Arrow or npy body takes up to 12 times its size, JSON up to 32 times.",
+        "One body may exceed it: an Arrow or npy body takes up to 12 times its size, JSON up to 40 times.",
     )
     max_cells: int = Field(16_000_000, gt=0, description="Largest number of cells of one location.")
     max_points: int = Field(1_000_000, gt=0, description="Largest number of values in a predict or series answer.")
@@ -72,7 +72,10 @@ class Settings(BaseSettings):
     )
     requests_burst: int = Field(1000, gt=0, description="… and at most so many at once.")
     wrong_keys_per_minute: float = Field(
-        60.0, ge=0, description="Wrong keys a minute from one address; more are not even looked at (429). 0: no limit."
+        60.0,
+        ge=0,
+        description="Wrong keys a minute from one address; more are not even looked at (429), but keys that were right "
+        "lately go on. 0: no limit.",
     )
 
     # Writing

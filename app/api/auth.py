@@ -48,15 +48,17 @@ def require(role: Role) -> Callable[[Request], Principal]:
 
 
 @contextmanager
-def counting_wrong_keys(connection: HTTPConnection) -> Iterator[None]:
-    """Counts the wrong key that is found within. Raises RateLimitError when too many came from its address."""
-    wrong, address = _limits(connection).wrong_keys, _address(connection)
-    wrong.check(address)
+def counting_wrong_keys(connection: HTTPConnection, secret: str) -> Iterator[None]:
+    """Counts a secret that is found wrong within. Raises RateLimitError when too many came from its address."""
+    limits, address = _limits(connection), _address(connection)
+    if secret not in limits.right_keys:
+        limits.wrong_keys.check(address)
     try:
         yield
     except UnauthorizedError:
-        wrong.spend(address)
+        limits.wrong_keys.spend(address)
         raise
+    limits.right_keys.add(secret)
 
 
 def refuse_other_sites(connection: HTTPConnection) -> None:
@@ -75,7 +77,7 @@ def _principal(connection: HTTPConnection) -> Principal:
     ctx: Context = connection.app.state.ctx
     scheme, _, secret = connection.headers.get("authorization", "").partition(" ")
     if secret and scheme.lower() == "bearer":
-        with counting_wrong_keys(connection):
+        with counting_wrong_keys(connection, secret):
             return by_secret(ctx, secret.strip())
     if is_open(ctx):
         _refuse_other_hosts(connection)
@@ -83,8 +85,9 @@ def _principal(connection: HTTPConnection) -> Principal:
         return OPEN
     if COOKIE in connection.cookies:
         refuse_other_sites(connection)
-        with counting_wrong_keys(connection):
-            return by_session(ctx, connection.cookies[COOKIE])
+        token = connection.cookies[COOKIE]
+        with counting_wrong_keys(connection, token):
+            return by_session(ctx, token)
     raise UnauthorizedError("Send a key: 'Authorization: Bearer tm_…'. An admin makes keys with 'tidemap keys create'.")
 
 

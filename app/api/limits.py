@@ -53,15 +53,41 @@ class Rate:
         return self._whole.get(name, -math.inf) - self._clock() - (self._burst - 1) / self._per_s
 
 
+class Lately:
+    """The `most` secrets that were right last, of which nothing but a hash is kept. May be shared by threads."""
+
+    def __init__(self, most: int = MOST_NAMES) -> None:
+        self._most = most
+        self._right: OrderedDict[int, None] = OrderedDict()
+        self._lock = Lock()
+
+    def add(self, secret: str) -> None:
+        """This one was right."""
+        with self._lock:
+            self._right[hash(secret)] = None
+            self._right.move_to_end(hash(secret))
+            if len(self._right) > self._most:
+                self._right.popitem(last=False)
+
+    def __contains__(self, secret: str) -> bool:
+        return hash(secret) in self._right
+
+
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """The rates of a server: requests by key, or by address where none is needed; wrong keys by address."""
+    """The rates of a server: requests by key, or by address where none is needed; wrong keys by address.
+
+    A key that was right lately is looked up however many wrong ones come from its address: whoever guesses, or goes
+    on sending a revoked key, locks out nobody who works beside.
+    """
 
     requests: Rate
     wrong_keys: Rate
+    right_keys: Lately
 
     @classmethod
     def of(cls, settings: Settings) -> "Limits":
         """As the settings have them."""
         wrong = settings.wrong_keys_per_minute
-        return cls(Rate(settings.requests_per_s, settings.requests_burst), Rate(wrong / 60, max(wrong, 1)))
+        requests = Rate(settings.requests_per_s, settings.requests_burst)
+        return cls(requests, Rate(wrong / 60, max(wrong, 1)), Lately())

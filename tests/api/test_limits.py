@@ -60,16 +60,22 @@ def test_an_open_server_limits_addresses(tmp_path: Path) -> None:
 def test_wrong_keys_are_counted_by_address(tmp_path: Path) -> None:
     with open_house(tmp_path, wrong_keys_per_minute=3) as api:
         key = make_key(api, "first")
+        unused = make_key(api, "second", headers=bearer(key))
+        revoked = done(api.post("/keys", {"name": "third", "role": "admin"}, headers=bearer(key)), 201)
+        done(api.get("/locations", headers=bearer(revoked["key"])))
+        assert api.request("DELETE", f"/keys/{revoked['id']}", headers=bearer(key)).status_code == 204
         wrong = [bearer("tm_wrong"), {"Cookie": "tidemap_session=1.9999999999.abc"}, bearer("tm_other")]
         for headers in wrong:
             done(api.get("/locations", headers=bearer(key)))
             problem(api.get("/locations"), 401)
             problem(api.get("/locations", headers=headers), 401)
-        for headers in (*wrong, bearer(key)):
+        for headers in (*wrong, bearer(unused)):
             answer = api.get("/locations", headers=headers)
             problem(answer, 429, "rate-limit")
             assert 0 < int(answer.headers["retry-after"]) <= 20
         problem(api.get("/locations"), 401)
+        problem(api.get("/locations", headers=bearer(revoked["key"])), 401)
+        done(api.get("/locations", headers=bearer(key)))
 
 
 def test_the_sign_in_page_counts_wrong_keys_too(tmp_path: Path) -> None:

@@ -75,7 +75,7 @@ def sign_in(ctx: Context, request: Request, secret: str, then: str) -> Response:
     Raises UnauthorizedError, ForbiddenError, OtherSiteError, RateLimitError.
     """
     refuse_other_sites(request)
-    with counting_wrong_keys(request):
+    with counting_wrong_keys(request, secret):
         found = by_secret(ctx, secret)
     if not allows(found.role, "operator"):
         raise ForbiddenError("This is a robot's key, which is for posting. Sign in with an operator's key.")

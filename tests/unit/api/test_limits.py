@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.api.limits import Rate
+from app.api.limits import Lately, Rate
 from app.errors import RateLimitError
 
 
@@ -88,3 +88,10 @@ def test_only_the_last_names_are_remembered() -> None:
     for name in "abcd":
         rate.take(name)
     assert [taken(rate, name) for name in "dcba"] == [False, False, False, True]
+
+
+def test_the_secrets_that_were_right_last_are_known() -> None:
+    lately = Lately(most=2)
+    for secret in ("a", "b", "a", "c"):
+        lately.add(secret)
+    assert [secret in lately for secret in "abc"] == [True, False, True]
