@@ -4,7 +4,8 @@ import argparse
 import json
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 
@@ -126,6 +127,20 @@ def _add_database(command: argparse.ArgumentParser) -> None:
     where.add_argument("--database-url", help="postgresql+psycopg://… instead of the embedded database")
 
 
+@contextmanager
+def _progress(what: str, unit: str) -> Iterator[Callable[[int, int], None]]:
+    """Shows how much of how much is done: a bar on a terminal, nothing elsewhere."""
+    from tqdm import tqdm
+
+    with tqdm(desc=what, unit=f" {unit}", file=sys.stderr, disable=None) as bar:
+
+        def show(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        yield show
+
+
 def _settings(arguments: argparse.Namespace) -> Settings:
     names = Settings.model_fields.keys() & vars(arguments).keys()
     given = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
@@ -144,8 +159,6 @@ def _migrate(arguments: argparse.Namespace) -> int:
 
 
 def _backup(arguments: argparse.Namespace) -> int:
-    from tqdm import tqdm
-
     from app.storage.backup import back_up, dump_command
 
     settings, file = _settings(arguments), arguments.file
@@ -154,19 +167,15 @@ def _backup(arguments: argparse.Namespace) -> int:
         return WRONG_USAGE
     if file.exists() and not arguments.overwrite:
         return _failed(f"{file} is there already; choose another name, or say --overwrite.")
-    # A bar on a terminal and nothing elsewhere.
-    with tqdm(desc="Copying", unit="page", file=sys.stderr, disable=None) as bar:
-
-        def show(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
+    with _progress("Copying", "pages") as show:
         back_up(settings.url, file, show)
     print(f"{file}: {file.stat().st_size:,} bytes")
     return DONE
 
 
 def _verify(arguments: argparse.Namespace) -> int:
+    from tqdm import tqdm
+
     from app.services.verify import Finding, verify
 
     findings: list[Finding] = []
@@ -174,10 +183,11 @@ def _verify(arguments: argparse.Namespace) -> int:
     def tell(finding: Finding) -> None:
         findings.append(finding)
         if not arguments.json:
-            print(finding, flush=True)
+            tqdm.write(str(finding))
 
     try:
-        tally = verify(_settings(arguments).url, tell)
+        with _progress("Verifying", "locations") as show:
+            tally = verify(_settings(arguments).url, tell, show)
     except (DatabaseUnusableError, SchemaVersionError) as error:
         _failed(str(error))
         return WRONG_USAGE

@@ -2,6 +2,9 @@
 
 from dataclasses import dataclass
 
+MOST_ERRORS = 100
+"""Fields that one error names; a body may have a million wrong ones."""
+
 
 @dataclass(frozen=True, slots=True)
 class FieldError:
@@ -174,8 +177,9 @@ class InvalidInputError(TidemapError):
     title = "Invalid input"
 
     def __init__(self, *errors: FieldError) -> None:
-        super().__init__("; ".join(f"{error.field}: {error.message}" for error in errors))
-        self.errors = errors
+        told = errors[:MOST_ERRORS]
+        super().__init__("; ".join(f"{error.field}: {error.message}" for error in told))
+        self.errors = told
 
     @classmethod
     def at(cls, field: str, message: str) -> "InvalidInputError":
@@ -203,12 +207,33 @@ class ForbiddenError(TidemapError):
     title = "Not allowed"
 
 
+class OtherSiteError(TidemapError):
+    """A page of another site asks in the name of whoever looks at it."""
+
+    code = "other-site"
+    title = "Another site"
+
+
 class BusyError(TidemapError):
     """The server cannot take this now; the same request may be sent again after `retry_after_s`."""
 
     code = "busy"
     title = "Busy"
     retry_after_s = 1
+
+
+class RateLimitError(BusyError):
+    """More requests than the limit, of one key or from one address."""
+
+    code = "rate-limit"
+    title = "Too many requests"
+
+    def __init__(self, retry_after_s: int) -> None:
+        super().__init__(
+            f"Too many requests came in a short time. Send this again in {retry_after_s} s, and several measurements "
+            "in one post; nothing was stored."
+        )
+        self.retry_after_s = retry_after_s
 
 
 class ShuttingDownError(BusyError):

@@ -23,6 +23,8 @@ def is_loopback(host: str) -> bool:
 
 
 JSON = "application/json"
+DAY_S = 86400.0
+WEEK_S = 7 * DAY_S
 
 
 class Settings(BaseSettings):
@@ -50,7 +52,7 @@ class Settings(BaseSettings):
         512 * 2**20,
         gt=0,
         description="Memory for all bodies that are being read and parsed; more wait a little or are refused (503). "
-        "One body may exceed it: an Arrow or npy body takes up to 12 times its size, JSON up to 32 times.",
+        "One body may exceed it: an Arrow or npy body takes up to 12 times its size, JSON up to 40 times.",
     )
     max_cells: int = Field(16_000_000, gt=0, description="Largest number of cells of one location.")
     max_points: int = Field(1_000_000, gt=0, description="Largest number of values in a predict or series answer.")
@@ -61,9 +63,30 @@ class Settings(BaseSettings):
     )
     future_s: float = Field(3600.0, ge=0, description="How far ahead of the server's clock a measurement may be.")
 
+    # How many requests
+    requests_per_s: float = Field(
+        200.0,
+        ge=0,
+        description="Requests a second of one key, or of one address beyond loopback where no key is needed; more are "
+        "refused (429). 0: no limit. A proxy's clients are told apart where FORWARDED_ALLOW_IPS names the proxy.",
+    )
+    requests_burst: int = Field(1000, gt=0, description="… and at most so many at once.")
+    wrong_keys_per_minute: float = Field(
+        60.0,
+        ge=0,
+        description="Wrong keys a minute from one address; more are not even looked at (429), but keys that were right "
+        "lately go on. 0: no limit.",
+    )
+
     # Writing
     commit_queue: int = Field(1024, gt=0, description="Writes that may wait for the writer; more are refused (503).")
     commit_batch: int = Field(128, gt=0, description="Most writes in one group commit.")
+
+    # Keeping
+    idempotency_s: float = Field(
+        WEEK_S, ge=WEEK_S, description="How long a post can be sent again under its Idempotency-Key and be stored once."
+    )
+    jobs_s: float = Field(30 * DAY_S, ge=0, description="How long finished jobs are listed; the last ten stay longer.")
 
     # Updating by itself
     updater: bool = Field(True, description="Refit locations in the background when their history has grown.")
@@ -74,7 +97,10 @@ class Settings(BaseSettings):
         gt=0,
         description="Refit when the measurements since the last update reach this share of those before.",
     )
-    update_rest_s: float = Field(30.0, ge=0, description="… and at least this long after the last update.")
+    update_latest_s: float = Field(
+        DAY_S, gt=0, description="… or, where there are any at all, so long after the last update."
+    )
+    update_rest_s: float = Field(30.0, ge=0, description="At least this long is between two updates.")
     update_threads: int = Field(2, gt=0, description="Threads one update may use.")
 
     # Reading and streaming

@@ -1,34 +1,38 @@
-"""Who asks, and may they: bearer keys and browser sessions."""
+"""Who asks, and may they: bearer keys and browser sessions, pages of other sites, too many requests."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from urllib.parse import urlsplit
 
 from fastapi import Request
 from starlette.requests import HTTPConnection
 
-from app.errors import ForbiddenError, UnauthorizedError
+from app.api.limits import Limits
+from app.errors import ForbiddenError, OtherSiteError, UnauthorizedError
 from app.schemas.keys import Role
 from app.services.context import Context
 from app.services.keys import OPEN, Principal, allows, by_secret, by_session, is_open
+from app.settings import Settings, is_loopback
 
 COOKIE = "tidemap_session"
-
-
-def principal_of(ctx: Context, headers: Mapping[str, str], cookies: Mapping[str, str]) -> Principal:
-    """Who sends these headers and cookies. Raises UnauthorizedError when keys exist and none is given."""
-    scheme, _, secret = headers.get("authorization", "").partition(" ")
-    if secret and scheme.lower() == "bearer":
-        return by_secret(ctx, secret.strip())
-    if is_open(ctx):
-        return OPEN
-    if COOKIE in cookies:
-        return by_session(ctx, cookies[COOKIE])
-    raise UnauthorizedError("Send a key: 'Authorization: Bearer tm_…'. An admin makes keys with 'tidemap keys create'.")
+READING = frozenset({"GET", "HEAD", "OPTIONS"})
 
 
 def of_connection(connection: HTTPConnection) -> Principal:
-    """Who opened this request or socket. Raises UnauthorizedError."""
-    ctx: Context = connection.app.state.ctx
-    return principal_of(ctx, connection.headers, connection.cookies)
+    """Who opened this request or socket; asked again of the same one, it is neither looked up nor counted again.
+
+    Raises UnauthorizedError when keys exist and none is given, OtherSiteError, RateLimitError.
+    """
+    known = getattr(connection.state, "principal", None)
+    if isinstance(known, Principal):
+        return known
+    principal = _principal(connection)
+    if principal.key_id is not None:
+        _limits(connection).requests.take(f"key {principal.key_id}")
+    elif not is_loopback(_settings(connection).host):
+        _limits(connection).requests.take(_address(connection))
+    connection.state.principal = principal
+    return principal
 
 
 def require(role: Role) -> Callable[[Request], Principal]:
@@ -41,3 +45,83 @@ def require(role: Role) -> Callable[[Request], Principal]:
         return principal
 
     return check
+
+
+@contextmanager
+def counting_wrong_keys(connection: HTTPConnection, secret: str) -> Iterator[None]:
+    """Counts a secret that is found wrong within. Raises RateLimitError when too many came from its address."""
+    limits, address = _limits(connection), _address(connection)
+    if secret not in limits.right_keys:
+        limits.wrong_keys.check(address)
+    try:
+        yield
+    except UnauthorizedError:
+        limits.wrong_keys.spend(address)
+        raise
+    limits.right_keys.add(secret)
+
+
+def refuse_other_sites(connection: HTTPConnection) -> None:
+    """Refuse what a page of another site does in some browser: its user did not ask for it. Raises OtherSiteError.
+
+    A browser names the site of the page with every request that may change something, and with every socket.
+    """
+    origin = connection.headers.get("origin")
+    if origin is None or connection.scope.get("method") in READING:
+        return
+    if _part(origin, "netloc") != connection.headers.get("host"):
+        raise OtherSiteError(f"A page at {origin} may do nothing here. Programs send a key, and no Origin.")
+
+
+def _principal(connection: HTTPConnection) -> Principal:
+    ctx: Context = connection.app.state.ctx
+    scheme, _, secret = connection.headers.get("authorization", "").partition(" ")
+    if secret and scheme.lower() == "bearer":
+        with counting_wrong_keys(connection, secret):
+            return by_secret(ctx, secret.strip())
+    if is_open(ctx):
+        _refuse_other_hosts(connection)
+        refuse_other_sites(connection)
+        return OPEN
+    if COOKIE in connection.cookies:
+        refuse_other_sites(connection)
+        token = connection.cookies[COOKIE]
+        with counting_wrong_keys(connection, token):
+            return by_session(ctx, token)
+    raise UnauthorizedError("Send a key: 'Authorization: Bearer tm_…'. An admin makes keys with 'tidemap keys create'.")
+
+
+def _refuse_other_hosts(connection: HTTPConnection) -> None:
+    """Where only this machine reaches an open server, a page of another site may have its name lead here instead.
+
+    Raises OtherSiteError.
+    """
+    settings, host = _settings(connection), connection.headers.get("host")
+    if settings.open or not is_loopback(settings.host) or host is None or is_loopback(_part(f"//{host}", "hostname")):
+        return
+    raise OtherSiteError(
+        f"While no key exists this server answers to localhost and 127.0.0.1 only, and it was asked as {host!r}. "
+        "Use one of these names, or make a key with 'tidemap keys create'."
+    )
+
+
+def _part(url: str, name: str) -> str:
+    """A part of a URL; empty where there is none."""
+    try:
+        return getattr(urlsplit(url), name) or ""
+    except ValueError:
+        return ""
+
+
+def _address(connection: HTTPConnection) -> str:
+    return connection.client.host if connection.client else ""
+
+
+def _limits(connection: HTTPConnection) -> Limits:
+    limits: Limits = connection.app.state.limits
+    return limits
+
+
+def _settings(connection: HTTPConnection) -> Settings:
+    ctx: Context = connection.app.state.ctx
+    return ctx.settings

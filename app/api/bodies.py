@@ -22,6 +22,8 @@ LINGER_S = 10.0
 STALL_S = 30.0
 """How long a sender may pause in the midst of a body."""
 UNPACK_STEP = 1 << 10
+ZSTD_WINDOW = 1 << 23
+"""What a receiver has to take at least, and a sender may use at most (RFC 9659); each body has one in memory."""
 FORM_COST = 32
 """Bytes of memory that each byte of a JSON form takes at most; its own included."""
 
@@ -51,7 +53,7 @@ class Unpacker:
 
 UNPACKERS: Mapping[str, Callable[[], Any]] = {
     "gzip": lambda: zlib.decompressobj(wbits=zlib.MAX_WBITS | 16),
-    "zstd": lambda: zstandard.ZstdDecompressor(max_window_size=1 << 27).decompressobj(),
+    "zstd": lambda: zstandard.ZstdDecompressor(max_window_size=ZSTD_WINDOW).decompressobj(),
 }
 
 

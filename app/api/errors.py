@@ -27,6 +27,8 @@ STATUS: Mapping[type[Exception], int] = {
     errors.InvalidInputError: 422,
     errors.UnauthorizedError: 401,
     errors.ForbiddenError: 403,
+    errors.OtherSiteError: 403,
+    errors.RateLimitError: 429,
     errors.BusyError: 503,
     errors.CorruptChunkError: 500,
     errors.SchemaVersionError: 503,
@@ -55,6 +57,8 @@ def install(app: FastAPI) -> None:
 def _domain(request: Request, error: Exception) -> Response:
     if not isinstance(error, errors.TidemapError):
         raise error
+    if isinstance(error, errors.BusyError):
+        request.app.state.refused.labels(error.code).inc()
     return domain_response(request.url.path, error)
 
 

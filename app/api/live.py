@@ -5,7 +5,6 @@ from collections import deque
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import get_args
-from urllib.parse import urlsplit
 
 import orjson
 from fastapi import APIRouter, WebSocket
@@ -93,9 +92,11 @@ async def events(socket: WebSocket) -> None:
 
 
 def _wish(ctx: Context, socket: WebSocket) -> Wish:
-    """What the reader asks for. Raises UnauthorizedError, ForbiddenError, InvalidInputError, LocationNotFoundError."""
+    """What the reader asks for.
+
+    Raises UnauthorizedError, ForbiddenError, OtherSiteError, RateLimitError, InvalidInputError, LocationNotFoundError.
+    """
     principal = of_connection(socket)
-    _refuse_other_sites(socket)
     if not allows(principal.role, "operator"):
         raise ForbiddenError(f"The key {principal.name!r} has role {principal.role}; events need operator or admin.")
     query = socket.query_params
@@ -111,13 +112,6 @@ def _wish(ctx: Context, socket: WebSocket) -> Wish:
     if location is not None:
         find_location(ctx, location)
     return Wish(location, frozenset(asked or known), cursor("after", query.get("after")))
-
-
-def _refuse_other_sites(socket: WebSocket) -> None:
-    """A page of another site that some browser shows: its user did not ask for it. Raises ForbiddenError."""
-    origin = socket.headers.get("origin")
-    if origin and "authorization" not in socket.headers and urlsplit(origin).netloc != socket.headers.get("host"):
-        raise ForbiddenError(f"A page at {origin} may not listen here.")
 
 
 async def _stream(ctx: Context, socket: WebSocket, wish: Wish, backlog: Backlog) -> None:

@@ -11,7 +11,8 @@ from fastapi import FastAPI
 from app import __version__
 from app.api import errors, live
 from app.api.budget import Budget
-from app.api.metrics import RequestMetrics, make_registry
+from app.api.limits import Limits
+from app.api.metrics import RequestMetrics, count_refused, make_registry
 from app.api.routers import anomalies, health, jobs, keys, locations, maps, observations
 from app.schemas.common import Problem
 from app.schemas.observations import GridObservations, StateObservations
@@ -40,7 +41,7 @@ _KINDS = {
     413: "body-too-large",
     415: "unsupported-media-type",
     422: "invalid-input",
-    429: "busy",
+    429: "rate-limit",
     500: "corrupt-chunk",
     503: "queue-full",
 }
@@ -69,7 +70,9 @@ def create_app(ctx: Context, alive: Mapping[str, Callable[[], bool]] | None = No
     app.state.budget = Budget(ctx.settings.max_parsing_bytes)
     # Posts that are parsed and judged at once: more threads than processors would only take turns.
     app.state.parsing = CapacityLimiter(os.cpu_count() or 1)
+    app.state.limits = Limits.of(ctx.settings)
     app.state.metrics = make_registry(ctx)
+    app.state.refused = count_refused(app.state.metrics)
     app.add_middleware(RequestMetrics, registry=app.state.metrics)
     errors.install(app)
     for module in (locations, observations, maps, anomalies, jobs, keys):

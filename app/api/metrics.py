@@ -44,6 +44,11 @@ def make_registry(ctx: Context) -> CollectorRegistry:
     return registry
 
 
+def count_refused(registry: CollectorRegistry) -> Counter:
+    """A counter of requests that were refused for now, by the kind of the problem."""
+    return Counter("tidemap_refused", "Requests refused for now (429, 503) by problem.", ["problem"], registry=registry)
+
+
 class RequestMetrics:
     """ASGI middleware: duration by route, method and status."""
 

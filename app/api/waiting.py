@@ -15,7 +15,7 @@ POLL_S = 0.5
 
 
 async def wait_for_job(ctx: Context, request: Callable[[], Job], wait_s: float) -> Job:
-    """Ask for a job and follow it until it has ended or `wait_s` seconds have passed."""
+    """Ask for a job, new or known, and follow it until it has ended or `wait_s` seconds have passed."""
     loop = asyncio.get_running_loop()
     changed = asyncio.Event()
 

@@ -9,7 +9,7 @@ import httpx
 from app.client.errors import TidemapError, UnreachableError, problem_of
 from app.client.plans import Attempts, Plan, Request, T
 
-REFUSED = frozenset({429, 503})
+REFUSED = frozenset({408, 429, 503})
 """Statuses with which the server has done nothing: any request may be sent again."""
 LOST = frozenset({502, 504})
 """Statuses of a gateway that cannot tell what the server has done: only what is repeatable is sent again."""

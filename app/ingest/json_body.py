@@ -91,7 +91,7 @@ def _grid(document: dict[str, Any], grid: Grid) -> Columns:
     _check_fields(document, "", {"observations"}, {"observations"})
     times: list[float] = []
     parts: list[NDArray[np.int64]] = []
-    labels: list[tuple[int, str]] = []
+    origins: list[tuple[int, str]] = []
     for i, item in enumerate(_list(document["observations"], "observations")):
         place = f"observations[{i}]"
         if not isinstance(item, dict):
@@ -100,25 +100,31 @@ def _grid(document: dict[str, Any], grid: Grid) -> Columns:
         times.append(time_of(item["time"], f"{place}.time"))
         for name in ("occupied", "free"):
             field = f"{place}.{name}"
-            parts.append(_cells(_list(item.get(name, []), field), field, grid))
-            labels.append((i, field))
-    return _assemble(times, parts, labels)
+            cells = _cells(_list(item.get(name, []), field), field, grid)
+            if len(cells):
+                parts.append(cells)
+                origins.append((i, name))
+    return _assemble(np.array(times, np.float64), parts, origins)
 
 
-def _assemble(times: list[float], parts: list[NDArray[np.int64]], labels: list[tuple[int, str]]) -> Columns:
+def _assemble(times: NDArray[np.float64], parts: list[NDArray[np.int64]], origins: list[tuple[int, str]]) -> Columns:
+    """The columns of all parts; a part is the cells of one state in one look, its origin that look and its field."""
     lengths = np.array([len(part) for part in parts], np.int64)
     first = np.concatenate([[0], np.cumsum(lengths)])
     owner = np.repeat(np.arange(len(parts)), lengths)
+    look = np.array([i for i, _ in origins], np.int64)
+    occupied = np.array([name == "occupied" for _, name in origins], np.uint8)
 
     def cell_field(row: int) -> str:
         part = int(owner[row])
-        return f"{labels[part][1]}[{row - int(first[part])}]"
+        i, name = origins[part]
+        return f"observations[{i}].{name}[{row - int(first[part])}]"
 
     return Columns(
-        np.asarray(times, np.float64)[owner // 2] if len(owner) else np.empty(0),
+        times[look[owner]],
         np.concatenate(parts) if parts else np.empty(0, np.int64),
-        (owner % 2 == 0).astype(np.uint8),
-        lambda row: f"observations[{int(owner[row]) // 2}].time",
+        occupied[owner],
+        lambda row: f"observations[{origins[int(owner[row])][0]}].time",
         cell_field,
         cell_field,
         "observations",

@@ -18,7 +18,7 @@ from app.spectral.measurements import Measurements
 ARROW = "application/vnd.apache.arrow.stream"
 JSON = "application/json"
 NPY = "application/x-npy"
-COST = {JSON: 32, ARROW: 12, NPY: 12}
+COST = {JSON: 40, ARROW: 12, NPY: 12}
 """Bytes of memory that each byte of a body takes at most until its measurements are stored; its own included."""
 BLOCK = 1 << 18
 """Rows that are checked at once."""

@@ -6,7 +6,7 @@ from zoneinfo import ZoneInfo
 
 from pydantic import AfterValidator, Field, model_validator
 
-from app.schemas.common import FARTHEST_S, NAME_PATTERN, Answer, Form, Text, TimeIn, TimeOut, shown
+from app.schemas.common import FARTHEST_S, NAME_PATTERN, Answer, Form, Many, Text, TimeIn, TimeOut, shown
 
 Kind = Literal["state", "grid2d", "grid3d"]
 EstimatorName = Literal["calendar", "fft", "static"]
@@ -35,7 +35,7 @@ class Grid(Form):
     frame: Text = Field("map", min_length=1, max_length=128)
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     resolution_m: float = Field(gt=0, le=1000)
-    shape: list[Annotated[int, Field(ge=1, le=65536)]] = Field(min_length=2, max_length=3)
+    shape: Many[Annotated[int, Field(ge=1, le=65536)]] = Field(min_length=2, max_length=3)
 
     @property
     def n_cells(self) -> int:

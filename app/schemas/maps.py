@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from app.schemas.common import Answer, Form, TimeIn, TimeOut, shown
+from app.schemas.common import Answer, Form, Many, TimeIn, TimeOut, shown
 from app.schemas.locations import Confidence, EstimatorName
 
 Verdict = Literal["occupied", "free", "uncertain"]
@@ -37,8 +37,8 @@ class PredictForm(Form):
 
     model_config = shown({"time": ["2026-03-02T09:00:00Z", 1772442000], "cell": [0], "confidence": 0.9})
 
-    time: list[TimeIn] = Field(min_length=1)
-    cell: list[int] | None = None
+    time: Many[TimeIn] = Field(min_length=1)
+    cell: Many[int] | None = None
     confidence: Confidence | None = None
     order: int | None = Field(None, ge=0, le=64)
     estimator: EstimatorName | None = None
@@ -157,11 +157,11 @@ class EvaluateForm(Form):
 
     start: TimeIn | None = None
     stop: TimeIn | None = None
-    orders: list[int] = Field(min_length=1, max_length=65)
-    estimators: list[EstimatorName] | None = Field(None, min_length=1)
+    orders: Many[int] = Field(min_length=1, max_length=65)
+    estimators: Many[EstimatorName] | None = Field(None, min_length=1)
     confidence: Confidence | None = None
-    time: list[TimeIn] | None = None
-    state: list[Literal[0, 1]] | None = None
+    time: Many[TimeIn] | None = None
+    state: Many[Literal[0, 1]] | None = None
     train_start: TimeIn | None = None
     train_stop: TimeIn | None = None
 

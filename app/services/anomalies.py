@@ -179,7 +179,7 @@ def _search(ctx: Context, model: Fitted, chunk: int, start: int, stop: int, crit
     step = max(1, BLOCK_VALUES // size)
     for low in range(start, stop, step):
         high = min(low + step, stop)
-        states = read_history(ctx, place.name, chunk, low, high).states()
+        states = read_history(ctx, place, chunk, low, high).states()
         cells = chunk * CHUNK_CELLS + np.arange(size)
         probability = predict_times(model.spectrum, place.base.time(np.arange(low, high)), cells)
         marked = (states != UNOBSERVED) & is_anomalous(probability, states, criterion.confidence, criterion.rule)
@@ -223,7 +223,7 @@ def list_events(ctx: Context, query: EventQuery) -> list[Event]:
         )
         records = work.anomalies.list(wanted)
         places = {each.id: each for each in ([place] if place else work.locations.list())}
-    return [wire(places[record.location_id], record) for record in records]
+    return [_known(ctx, places[record.location_id], record) for record in records]
 
 
 def acknowledge(ctx: Context, anomaly_id: int, by: str, note: str | None) -> Event:
@@ -233,12 +233,19 @@ def acknowledge(ctx: Context, anomaly_id: int, by: str, note: str | None) -> Eve
         record = work.anomalies.acknowledge(anomaly_id, by, ctx.clock(), note)
         return next(each for each in work.locations.list() if each.id == record.location_id), record
 
-    return wire(*ctx.store.write(run))
+    return _known(ctx, *ctx.store.write(run))
+
+
+def _known(ctx: Context, place: LocationRecord, record: AnomalyRecord) -> Event:
+    """A stored event as the API shows it; one whose cells cannot be read is shown without them."""
+    if record.damage is not None:
+        ctx.damage.found(place.id, record.damage)
+    return wire(place, record)
 
 
 def wire(place: LocationRecord, record: AnomalyRecord) -> Event:
     """An event as the API shows it."""
-    box = place.grid.bounding_box(record.cells) if place.grid else None
+    box = place.grid.bounding_box(record.cells) if place.grid and len(record.cells) else None
     shared = ("start", "stop", "observed", "probability", "surprise", "confidence", "rule", "revision")
     people = ("acknowledged_by", "acknowledged_at", "note")
     return Event(

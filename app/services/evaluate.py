@@ -94,15 +94,15 @@ def _trials(
 
     if form.time is not None or form.state is not None:
         time, given = _given(place, form)
-        yield trial(read_history(ctx, place.name, 0, train.start, train.stop), time, given)
+        yield trial(read_history(ctx, place, 0, train.start, train.stop), time, given)
         return
     start, stop = _tested(ctx, place, form)
     step = max(1, place.n_cells * (stop - start) * len(candidates) // MAX_VALUES)
     for chunk in range(place.n_chunks):
         cells = np.arange(chunk % step, place.chunk_size(chunk), step)
         try:
-            states = read_history(ctx, place.name, chunk, start, stop).cells(cells).states()
-            past = read_history(ctx, place.name, chunk, train.start, train.stop).cells(cells)
+            states = read_history(ctx, place, chunk, start, stop).cells(cells).states()
+            past = read_history(ctx, place, chunk, train.start, train.stop).cells(cells)
         except CorruptChunkError:
             if place.n_chunks == 1:
                 raise

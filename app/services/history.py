@@ -39,10 +39,10 @@ def window(ctx: Context, place: LocationRecord) -> tuple[int, int]:
     return max(start, stop - most), stop
 
 
-def read_history(ctx: Context, name: str, chunk: int, start: int, stop: int) -> History:
-    """What was observed in one chunk over samples [start, stop), held where the location says so."""
+def read_history(ctx: Context, place: LocationRecord, chunk: int, start: int, stop: int) -> History:
+    """What was observed in one chunk until now over samples [start, stop), held where the location says so."""
     with ctx.store.read() as work:
-        place = work.locations.get(name)
+        place = work.locations.by_id(place.id)
         held = place.hold_samples
         history = _stored(ctx, work, place, chunk, start - (held or 0), stop)
     if held is not None:
@@ -52,7 +52,7 @@ def read_history(ctx: Context, name: str, chunk: int, start: int, stop: int) -> 
 
 def read_cell(ctx: Context, place: LocationRecord, cell: int, start: int, stop: int) -> History:
     """The history of one cell over samples [start, stop)."""
-    return read_history(ctx, place.name, cell // CHUNK_CELLS, start, stop).cells(np.array([cell % CHUNK_CELLS]))
+    return read_history(ctx, place, cell // CHUNK_CELLS, start, stop).cells(np.array([cell % CHUNK_CELLS]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,7 +93,7 @@ def last_seen(ctx: Context, place: LocationRecord, sample: int, cells: NDArray[n
 def _read_known(ctx: Context, place: LocationRecord, chunk: int, start: int, stop: int) -> History:
     """What was measured in one chunk over samples [start, stop) and, uncopied, in those around them."""
     with ctx.store.read() as work:
-        return _stored(ctx, work, work.locations.get(place.name), chunk, start, stop)
+        return _stored(ctx, work, work.locations.by_id(place.id), chunk, start, stop)
 
 
 def _stored(ctx: Context, work: Work, place: LocationRecord, chunk: int, start: int, stop: int) -> History:
@@ -172,19 +172,19 @@ def _by_segment(place: LocationRecord, measurements: Measurements) -> Iterator[t
         yield number, measurements if len(present) == 1 else measurements.select(numbers == number)
 
 
-def compact(ctx: Context, name: str) -> None:
+def compact(ctx: Context, place: LocationRecord) -> None:
     """Move the log's tail into segments, round by round, until nothing is left of what was there at the start."""
     with ctx.store.read() as work:
-        target = work.locations.get(name).observation_seq
-    while _compact_some(ctx, name, target):
+        target = work.locations.by_id(place.id).observation_seq
+    while _compact_some(ctx, place.id, target):
         pass
     ctx.store.write(lambda work: work.observations.give_back())
 
 
-def forget(ctx: Context, name: str) -> None:
+def forget(ctx: Context, place: LocationRecord) -> None:
     """Drop compacted history that is older than the location's `retention`."""
     with ctx.store.read() as work:
-        place = work.locations.get(name)
+        place = work.locations.by_id(place.id)
     if place.retention_s is None or place.last_time is None:
         return
     before = int(place.base.sample(place.last_time - place.retention_s))
@@ -193,10 +193,10 @@ def forget(ctx: Context, name: str) -> None:
         ctx.histories.drop(lambda key: isinstance(key, tuple) and key[0] == place.id)
 
 
-def _compact_some(ctx: Context, name: str, target: int) -> bool:
+def _compact_some(ctx: Context, location_id: int, target: int) -> bool:
     """One round; whether there may be more to do."""
     with ctx.store.read() as work:
-        place = work.locations.get(name)
+        place = work.locations.by_id(location_id)
         if place.compacted_seq >= target:
             return False
         tail = work.observations.tail(place, COMPACT_MEASUREMENTS)

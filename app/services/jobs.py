@@ -74,7 +74,9 @@ def requeue_interrupted(ctx: Context) -> None:
 def run_job(ctx: Context, record: JobRecord, executor: Executor) -> None:
     """Run a claimed job to its end, whatever that is. BusyError leaves it running, to run again later."""
     try:
-        revision = run_update(ctx, record.location, UpdateRequest(**record.request), executor, _reporter(ctx, record))
+        revision = run_update(
+            ctx, record.location_id, UpdateRequest(**record.request), executor, _reporter(ctx, record)
+        )
     except BusyError:
         raise
     except TidemapError as error:

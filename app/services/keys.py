@@ -35,10 +35,10 @@ def create_key(ctx: Context, name: str, role: Role) -> NewKey:
     return NewKey(**_wire(record).model_dump(), key=secret)
 
 
-def list_keys(ctx: Context) -> list[Key]:
-    """In order of creation."""
+def list_keys(ctx: Context, after: int | None = None, limit: int | None = None) -> list[Key]:
+    """In order of creation; `after` is the last id of the page before."""
     with ctx.store.read() as work:
-        return [_wire(record) for record in work.keys.list()]
+        return [_wire(record) for record in work.keys.list(after, limit)]
 
 
 def delete_key(ctx: Context, key_id: int) -> None:

@@ -108,7 +108,7 @@ def _load(ctx: Context, place: LocationRecord, stored: RevisionRecord, wanted: R
     known, part = window(ctx, place), (stored.start, stored.stop)
 
     def fit(chunk: int) -> Spectrum:
-        return fit_part(read_history(ctx, place.name, chunk, *known), wanted.recipe, place.base, part)
+        return fit_part(read_history(ctx, place, chunk, *known), wanted.recipe, place.base, part)
 
     return _whole(ctx, place, fit)
 

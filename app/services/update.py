@@ -57,17 +57,19 @@ class Plan:
 
 
 def run_update(
-    ctx: Context, name: str, request: UpdateRequest, executor: Executor, progress: Callable[[float], None]
+    ctx: Context, location_id: int, request: UpdateRequest, executor: Executor, progress: Callable[[float], None]
 ) -> RevisionRecord:
     """A new revision, visible once its last chunk is stored. Chunks whose history is damaged are left out of it.
 
     Raises LocationNotFoundError, InvalidInputError when there is nothing to fit, CorruptChunkError when nothing of it
     can be read.
     """
-    compact(ctx, name)
-    forget(ctx, name)
+    with ctx.store.read() as work:
+        place = work.locations.by_id(location_id)
+    compact(ctx, place)
+    forget(ctx, place)
     progress(0.1)
-    plan = _plan(ctx, name, request)
+    plan = _plan(ctx, location_id, request)
     wrong = observed = 0
     damage: list[CorruptChunkError] = []
     for i, fit in enumerate(executor.map(lambda chunk: _update_chunk(ctx, plan, chunk), range(plan.place.n_chunks))):
@@ -86,9 +88,9 @@ def run_update(
     return record
 
 
-def _plan(ctx: Context, name: str, request: UpdateRequest) -> Plan:
+def _plan(ctx: Context, location_id: int, request: UpdateRequest) -> Plan:
     with ctx.store.read() as work:
-        place = work.locations.get(name)
+        place = work.locations.by_id(location_id)
         number = work.spectra.next_number(place.id)
     history = window(ctx, place)
     asked = _asked_samples(place, history, request)
@@ -131,7 +133,7 @@ def _sample_cells(ctx: Context, place: LocationRecord, samples: tuple[int, int])
     parts = [History.empty(0, samples[0], samples[1] - samples[0])]
     for chunk in np.linspace(0, place.n_chunks - 1, n_chunks).astype(int).tolist():
         try:
-            history = read_history(ctx, place.name, chunk, *samples)
+            history = read_history(ctx, place, chunk, *samples)
         except CorruptChunkError:
             continue
         occupied = history.count_occupied()
@@ -158,7 +160,7 @@ def _update_chunk(ctx: Context, plan: Plan, chunk: int) -> _Fit | CorruptChunkEr
     """Fit and store one chunk, unless its history is damaged."""
     place = plan.place
     try:
-        history = read_history(ctx, place.name, chunk, *plan.history)
+        history = read_history(ctx, place, chunk, *plan.history)
     except CorruptChunkError as error:
         return error.with_traceback(None)
     model = refit(history, plan.recipe, place.base, (plan.start, plan.stop))

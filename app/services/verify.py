@@ -24,25 +24,30 @@ class Finding:
         return f"{place}{self.where}: {self.what}"
 
 
-def verify(url: str, tell: Callable[[Finding], None]) -> Tally:
+def verify(
+    url: str, tell: Callable[[Finding], None], progress: Callable[[int, int], None] = lambda done, total: None
+) -> Tally:
     """Look at every row of a database, which a server may be using; `tell` hears of what is wrong.
 
+    `progress` hears how many locations are done and how many there are.
     Each location is seen as it was at one moment, and its rows are held a few at a time.
     Raises SchemaVersionError, DatabaseUnusableError.
     """
     tally = Tally()
     with inspect(url) as inspection:
-        for finding in _findings(inspection, tally):
+        for finding in _findings(inspection, tally, progress):
             tell(finding)
     return tally
 
 
-def _findings(inspection: Inspection, tally: Tally) -> Iterator[Finding]:
+def _findings(inspection: Inspection, tally: Tally, progress: Callable[[int, int], None]) -> Iterator[Finding]:
     yield from _guarded(inspection, "database", _whole)
     with inspection.snapshot() as snapshot:
         numbers = snapshot.location_ids()
-    for number in numbers:
+    for done, number in enumerate(numbers):
+        progress(done, len(numbers))
         yield from _guarded(inspection, f"location {number}", partial(_location, number=number, tally=tally))
+    progress(len(numbers), len(numbers))
 
 
 def _guarded(inspection: Inspection, where: str, check: Callable[[Snapshot], Iterator[Finding]]) -> Iterator[Finding]:

@@ -1,16 +1,19 @@
 """The repository of anomaly events."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
+import numpy as np
 from sqlalchemy import Connection, RowMapping, Select, insert, select, update
 
-from app.errors import AnomalyNotFoundError
+from app.errors import AnomalyNotFoundError, CorruptChunkError
 from app.storage.blobs import pack_cells, unpack_cells
 from app.storage.counters import take
 from app.storage.records import AnomalyRecord
 from app.storage.tables import anomaly
+
+_COLUMNS = tuple(field.name for field in fields(AnomalyRecord) if field.name != "damage")
 
 
 @dataclass(frozen=True)
@@ -82,12 +85,15 @@ def _query(wanted: EventFilter) -> Select[Any]:
 
 def _row(record: AnomalyRecord) -> dict[str, Any]:
     return {
-        **{name: getattr(record, name) for name in AnomalyRecord.__dataclass_fields__},
+        **{name: getattr(record, name) for name in _COLUMNS},
         "cells": pack_cells(record.cells),
         "acknowledged": False,
     }
 
 
 def _record(row: RowMapping) -> AnomalyRecord:
-    values = {name: row[name] for name in AnomalyRecord.__dataclass_fields__}
-    return AnomalyRecord(**{**values, "cells": unpack_cells(row["cells"], f"cells of anomaly {row['id']}")})
+    values = {name: row[name] for name in _COLUMNS}
+    try:
+        return AnomalyRecord(**{**values, "cells": unpack_cells(row["cells"], f"cells of anomaly {row['id']}")})
+    except CorruptChunkError as error:
+        return AnomalyRecord(**{**values, "cells": np.empty(0, np.int64)}, damage=error.with_traceback(None))

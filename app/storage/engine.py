@@ -14,6 +14,8 @@ _PRAGMAS = (
     "PRAGMA foreign_keys = ON",
     "PRAGMA busy_timeout = 10000",
 )
+OVERFLOW = 32
+"""Connections beyond those kept, so that no request, of which 40 run at once, waits for one."""
 
 
 def open_reader(url: str) -> Engine:
@@ -21,7 +23,8 @@ def open_reader(url: str) -> Engine:
     parsed = make_url(url)
     if parsed.get_backend_name() == "sqlite":
         return _sqlite(parsed, begin="BEGIN", pool_size=16)
-    return create_engine(parsed, pool_pre_ping=True, pool_size=16, isolation_level="REPEATABLE READ")
+    how = {"pool_pre_ping": True, "pool_size": 16, "max_overflow": OVERFLOW, "isolation_level": "REPEATABLE READ"}
+    return create_engine(parsed, **how)
 
 
 def open_writer(url: str) -> Engine:
@@ -55,7 +58,7 @@ def _sqlite(url: URL, begin: str, pool_size: int) -> Engine:
         url,
         poolclass=QueuePool,
         pool_size=pool_size,
-        max_overflow=32,
+        max_overflow=OVERFLOW,
         connect_args={"check_same_thread": False},
     )
 

@@ -1,9 +1,10 @@
 """The repository of jobs."""
 
 import json
+from collections.abc import Sequence
 from typing import Any
 
-from sqlalchemy import Connection, RowMapping, insert, select, update
+from sqlalchemy import Connection, RowMapping, delete, insert, select, update
 
 from app.errors import JobNotFoundError
 from app.storage.counters import take
@@ -60,6 +61,23 @@ class Jobs:
     def progress(self, job_id: int, progress: float) -> None:
         """How far a running job is, 0 to 1."""
         self._connection.execute(update(job).where(job.c.id == job_id).values(progress=progress))
+
+    def finished_before(self, location_id: int, time: float, kept: int, most: int) -> Sequence[int]:
+        """The jobs of a location that ended before a time, at most so many, but for its `kept` newest that ended."""
+        ended = (
+            select(job.c.id, job.c.finished_at)
+            .where(job.c.location_id == location_id, job.c.finished_at.is_not(None))
+            .order_by(job.c.id.desc())
+            .offset(kept)
+            .subquery()
+        )
+        query = select(ended.c.id).where(ended.c.finished_at < time).order_by(ended.c.id).limit(most)
+        return self._connection.execute(query).scalars().all()
+
+    def delete(self, location_id: int, jobs: Sequence[int]) -> int:
+        """Drop jobs; how many rows."""
+        mine = (job.c.location_id == location_id) & job.c.id.in_(jobs)
+        return self._connection.execute(delete(job).where(mine)).rowcount
 
     def requeue_running(self) -> None:
         """After a restart: what was running runs again."""

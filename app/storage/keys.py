@@ -32,10 +32,12 @@ class Keys:
         row = self._connection.execute(select(api_key).where(api_key.c.id == key_id)).mappings().first()
         return None if row is None else KeyRecord(**row)
 
-    def list(self) -> list[KeyRecord]:
-        """In order of creation."""
-        rows = self._connection.execute(select(api_key).order_by(api_key.c.id)).mappings()
-        return [KeyRecord(**row) for row in rows]
+    def list(self, after: int | None, limit: int | None) -> list[KeyRecord]:
+        """In order of creation; `after` is the last id of the page before, None for `limit` is all."""
+        query = select(api_key).order_by(api_key.c.id).limit(limit)
+        if after is not None:
+            query = query.where(api_key.c.id > after)
+        return [KeyRecord(**row) for row in self._connection.execute(query).mappings()]
 
     def count(self) -> int:
         """How many keys there are."""

@@ -27,6 +27,13 @@ class Locations:
             raise LocationNotFoundError(name)
         return LocationRecord.of(row._mapping)
 
+    def by_id(self, location_id: int) -> LocationRecord:
+        """As it is now, whatever its name has become. Raises LocationNotFoundError."""
+        row = self._connection.execute(select(location).where(location.c.id == location_id)).mappings().first()
+        if row is None:
+            raise LocationNotFoundError(f"number {location_id}")
+        return LocationRecord.of(row)
+
     def list(self, after: str | None = None, limit: int | None = None) -> list[LocationRecord]:
         """In order of their names."""
         query = select(location).order_by(location.c.name).limit(limit)

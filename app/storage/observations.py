@@ -3,6 +3,8 @@
 from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import takewhile
+from typing import Any
 
 from sqlalchemy import (
     BindParameter,
@@ -125,29 +127,30 @@ class Observations:
 
         Raises CorruptChunkError where one of them is damaged.
         """
-        segments = self._segments(place, chunk, first, last)
-        for number, aside in self._segments(place, -1 - chunk, first, last).items():
-            before = segments.get(number)
-            segments[number] = aside if before is None else merge(before, standing(aside, place.base), place.base)
+        stored = self._stored(place, (chunk, -1 - chunk), first, last)
+        segments = {number: segment for (at, number), segment in stored.items() if at == chunk}
+        for (at, number), segment in stored.items():
+            if at != chunk:
+                before = segments.get(number)
+                more = standing(segment, place.base)
+                segments[number] = segment if before is None else merge(before, more, place.base)
         return segments
 
     def put_aside(self, place: LocationRecord, chunk: int, number: int) -> Segment | None:
         """What came in for a segment while it was damaged. Raises CorruptChunkError where that is damaged too."""
-        return self._segments(place, -1 - chunk, number, number).get(number)
+        return self._stored(place, (-1 - chunk,), number, number).get((-1 - chunk, number))
 
-    def _segments(self, place: LocationRecord, chunk: int, first: int, last: int) -> dict[int, Segment]:
+    def _stored(
+        self, place: LocationRecord, chunks: tuple[int, ...], first: int, last: int
+    ) -> dict[SegmentKey, Segment]:
         query = (
-            select(history.c.segment, history.c.payload)
-            .where(history.c.location_id == place.id, history.c.chunk == chunk)
+            select(history.c.chunk, history.c.segment, history.c.payload)
+            .where(history.c.location_id == place.id, history.c.chunk.in_(chunks))
             .where(history.c.segment >= first, history.c.segment <= last)
         )
-        aside = "" if chunk >= 0 else " put aside"
-        what = f"history{aside} of location {place.name!r}, chunk {max(chunk, -1 - chunk)}"
         # Closed whatever is raised: a statement left open would show every later reader this moment's rows.
         with self._connection.execute(query) as rows:
-            return {
-                row.segment: unpack_segment(row.payload, row.segment, f"{what}, segment {row.segment}") for row in rows
-            }
+            return {(row.chunk, row.segment): _unpack(place, row) for row in rows}
 
     def compact(
         self,
@@ -213,12 +216,32 @@ class Observations:
         chunks = select(history.c.chunk).where(mine, history.c.segment == border)
         for chunk in self._connection.execute(chunks).scalars().all():
             with suppress(CorruptChunkError):
-                segment = self._segments(place, chunk, border, border)[border]
+                segment = self._stored(place, (chunk,), border, border)[chunk, border]
                 self._put(place.id, chunk, border, pack_segment(forget(segment, before, place.base)))
         first = float(place.base.time(before))
         self._connection.execute(
             update(location).where(location.c.id == place.id, location.c.first_time < first).values(first_time=first)
         )
+
+    def prunable(self, location_id: int, before: float, most: int) -> int | None:
+        """The last of the earliest observations that are compacted and were received before a time; None without any.
+
+        Of `most` at a time, so that what is left of the log has no gaps.
+        """
+        earliest = (
+            select(observation.c.id, observation.c.received_at, observation.c.payload.is_(None).label("compacted"))
+            .where(observation.c.location_id == location_id)
+            .order_by(observation.c.id)
+            .limit(most)
+        )
+        rows = self._connection.execute(earliest).all()
+        old = takewhile(lambda row: row.compacted and row.received_at < before, rows)
+        return max((row.id for row in old), default=None)
+
+    def prune(self, location_id: int, through: int) -> int:
+        """Drop the log up to an observation that is `prunable`, with the idempotency keys in it; how many rows."""
+        mine = (observation.c.location_id == location_id) & (observation.c.id <= through)
+        return self._connection.execute(delete(observation).where(mine)).rowcount
 
     def _put(self, location_id: int, chunk: int, number: int, payload: bytes) -> None:
         stored = self._connection.execute(
@@ -227,6 +250,12 @@ class Observations:
         if stored.rowcount == 0:
             row = {"location_id": location_id, "chunk": chunk, "segment": number, "payload": payload}
             self._connection.execute(insert(history).values(**row))
+
+
+def _unpack(place: LocationRecord, row: Any) -> Segment:
+    chunk, aside = (row.chunk, "") if row.chunk >= 0 else (-1 - row.chunk, " put aside")
+    what = f"history{aside} of location {place.name!r}, chunk {chunk}, segment {row.segment}"
+    return unpack_segment(row.payload, row.segment, what)
 
 
 def _at(location_id: int, chunk: int, number: int) -> tuple[ColumnElement[bool], ...]:

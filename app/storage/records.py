@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy import RowMapping
 
+from app.errors import CorruptChunkError
 from app.space.grid import SINGLE, Grid
 from app.spectral.recipe import Recipe
 from app.spectral.timebase import TimeBase
@@ -143,7 +144,7 @@ class ObservationRecord:
 
 @dataclass(frozen=True, eq=False)
 class AnomalyRecord:
-    """An event; `id` is 0 until it is stored."""
+    """An event; `id` is 0 until it is stored. `cells` are empty where `damage` says that they cannot be read."""
 
     location_id: int
     id: int
@@ -159,6 +160,7 @@ class AnomalyRecord:
     acknowledged_by: str | None = None
     acknowledged_at: float | None = None
     note: str | None = None
+    damage: CorruptChunkError | None = None
 
 
 @dataclass(frozen=True)

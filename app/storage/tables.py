@@ -60,7 +60,7 @@ location = Table(
 )
 
 # The append-only log: one row a posted observation. The payload moves to `history` with the next compaction; the
-# row stays for its idempotency key.
+# row stays for its idempotency key until that is pruned.
 observation = Table(
     "observation",
     metadata,

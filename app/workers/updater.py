@@ -9,11 +9,13 @@ from app.events.messages import Message
 from app.services.context import Context
 from app.services.history import compact
 from app.services.jobs import claim_job, request_update, requeue_interrupted, run_job
+from app.services.pruning import prune
 from app.services.update import UpdateRequest
 from app.storage.records import LocationRecord, RevisionRecord
 from app.workers.executors import LocalExecutor
 
 log = logging.getLogger(__name__)
+PRUNE_EVERY_S = 3600.0
 COMPACT_POSTS = 64
 COMPACT_MEASUREMENTS = 1_000_000
 """A log that is longer is compacted before its location is due for an update: whoever reads the history unpacks it."""
@@ -29,6 +31,7 @@ class Updater:
         self._executor = LocalExecutor(ctx.settings.update_threads)
         self._interrupted = True
         self._asked: dict[int, float] = {}
+        self._pruned = -math.inf
         self._thread = Thread(target=self._loop, name="tidemap-updater", daemon=True)
         self._unsubscribe = ctx.bus.subscribe(self._listen)
 
@@ -59,6 +62,7 @@ class Updater:
                 self._run_jobs()
                 if self._ctx.settings.updater and not self._stop.is_set():
                     self._look_around()
+                    self._prune()
             except ShuttingDownError:
                 return
             except BusyError as error:
@@ -93,6 +97,13 @@ class Updater:
             except Exception:
                 log.exception("location %s: its care failed", place.name)
 
+    def _prune(self) -> None:
+        now = self._ctx.clock()
+        if now - self._pruned >= PRUNE_EVERY_S and not self._stop.is_set():
+            self._pruned = now
+            if pruned := prune(self._ctx, lambda: not self._stop.is_set()):
+                log.info("%d rows of old posts and jobs were pruned", pruned)
+
     def _care_for(self, place: LocationRecord, revision: RevisionRecord | None, waiting: int) -> None:
         now = self._ctx.clock()
         rested = now - self._asked.get(place.id, -math.inf) >= self._ctx.settings.update_rest_s
@@ -100,7 +111,7 @@ class Updater:
             self._asked[place.id] = now
             request_update(self._ctx, place.name, UpdateRequest())
         elif place.observation_seq - place.compacted_seq >= COMPACT_POSTS or waiting >= COMPACT_MEASUREMENTS:
-            compact(self._ctx, place.name)
+            compact(self._ctx, place)
 
 
 def is_due(ctx: Context, place: LocationRecord, revision: RevisionRecord | None) -> bool:
@@ -111,5 +122,6 @@ def is_due(ctx: Context, place: LocationRecord, revision: RevisionRecord | None)
     if revision is None:
         return (place.last_time - place.first_time) / place.interval_s >= settings.update_samples
     grown = place.measurements - revision.measurements
-    rested = ctx.clock() - revision.updated_at >= settings.update_rest_s
-    return rested and grown >= settings.update_growth * revision.measurements
+    age_s = ctx.clock() - revision.updated_at
+    enough = grown >= settings.update_growth * revision.measurements or (grown and age_s >= settings.update_latest_s)
+    return bool(enough) and age_s >= settings.update_rest_s

@@ -49,7 +49,7 @@ class Http:
     def __init__(self, portal: BlockingPortal, site: FastAPI) -> None:
         transport = httpx.ASGITransport(site, raise_app_exceptions=False)
         self.portal = portal
-        self._client = httpx.AsyncClient(transport=transport, base_url="http://tidemap")
+        self._client = httpx.AsyncClient(transport=transport, base_url="http://localhost")
 
     def request(self, method: str, path: str, **how: Any) -> httpx.Response:
         return self.portal.call(partial(self._client.request, method, path, **how))
@@ -120,7 +120,8 @@ class Api:
 @contextmanager
 def open_house(folder: Path, database_url: str | None = None, **settings: Any) -> Iterator[Api]:
     """The site with a quiet updater and no viewer."""
-    chosen = {"viewer": False, "updater": False, "log_level": "warning", "max_body_bytes": 2**20, **settings}
+    chosen = {"viewer": False, "updater": False, "log_level": "warning", "max_body_bytes": 2**20}
+    chosen |= {"wrong_keys_per_minute": 0, **settings}
     clock = Clock()
     configured = Settings(data=folder, database_url=database_url, **chosen)
     prepare_database(configured.url)

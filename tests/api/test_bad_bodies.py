@@ -53,3 +53,25 @@ def unreadable() -> Iterator[Case]:
 @table(*unreadable())
 def test_bodies_that_no_route_reads(site: Untouched, case: Case) -> None:
     site.refuse(case)
+
+
+def test_a_million_wrong_things_are_told_in_few_words(site: Untouched) -> None:
+    """The memory of their errors would be a thousand times that of the body."""
+    many = [{}] * 100_000
+    lists = [
+        (f"{DOOR}/predict", {"time": many}, "time[0]"),
+        (f"{DOOR}/predict", {"time": [T], "cell": many}, "cell[0]"),
+        (f"{DOOR}/evaluate", {"orders": [1], "time": many}, "time[0]"),
+        (f"{DOOR}/evaluate", {"orders": [1], "time": [T], "state": many}, "state[0]"),
+        (f"{DOOR}/evaluate", {"orders": many}, "orders[0]"),
+        (f"{DOOR}/evaluate", {"orders": [1], "estimators": many}, "estimators[0]"),
+        (f"{DOOR}/observations", {"time": many, "state": []}, "time[0]"),
+        (f"{LAB}/observations", {"observations": many}, "observations[0].time"),
+        ("/locations", {"name": "x", "interval_s": 60, "kind": "grid2d", "grid": {"shape": many}}, "grid.shape[0]"),
+    ]
+    for path, document, first in lists:
+        site.refuse(form(path, document, first))
+    unknown = {str(number): 0 for number in range(40_000)}
+    for path, (method, good) in FORMS.items():
+        found = site.refuse(form(path, {**good, **unknown}, None, "known are", method=method))
+        assert len(found["errors"]) <= 100

@@ -89,6 +89,16 @@ def test_a_bomb_is_noticed_while_it_is_small(small: Api, path: str, kind: str) -
     assert peak < UNPACKED / 2
 
 
+@pytest.mark.parametrize(("log", "status"), [(23, 201), (24, 400)])
+def test_the_window_of_zstd_is_bounded(small: Api, log: int, status: int) -> None:
+    parameters = zstandard.ZstdCompressionParameters(window_log=log)
+    packer = zstandard.ZstdCompressor(compression_params=parameters).compressobj()
+    content = packer.compress(sized(5000)) + packer.flush()
+    headers = {"Content-Type": JSON, "Content-Encoding": "zstd"}
+    answer = small.post("/locations/door/observations", content=content, headers=headers)
+    assert answer.status_code == status, answer.text
+
+
 def test_a_bomb_inside_of_arrow_is_not_unpacked(small: Api) -> None:
     """Arrow can pack its buffers by itself, behind the limit of a body."""
     columns = {"time": np.zeros(20_000_000), "state": np.zeros(20_000_000, np.uint8)}

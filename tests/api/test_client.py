@@ -2,6 +2,7 @@
 
 import asyncio
 import inspect
+import re
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -9,6 +10,7 @@ from contextlib import ExitStack, closing
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
+import httpx
 import numpy as np
 import pytest
 
@@ -266,6 +268,25 @@ def test_events_of_an_unknown_location_are_refused(client: Any, name: str) -> No
     with pytest.raises(TidemapError, match=name) as caught:
         next(client.events(location=name))
     assert caught.value.status == 404
+
+
+def test_the_limit_of_requests_is_waited_out(connect: Callable[..., Any], server: StartServer) -> None:
+    process = server(env={"TIDEMAP_VIEWER": "false", "TIDEMAP_REQUESTS_PER_S": "20", "TIDEMAP_REQUESTS_BURST": "5"})
+    key = connect(process.url).keys.create("root", "admin").key
+    owner = connect(process.url, key=key)
+    handle = owner.create_location("door", interval_s=60)
+    for number in range(15):
+        assert not handle.observe([START + 60 * number], [1]).duplicate
+    assert handle.get().observations == 15
+    assert refused(process, key)["rate-limit"] > 0
+
+
+def refused(process: ServerProcess, key: str) -> dict[str, float]:
+    """How many requests the server has refused for now, by problem."""
+    while (answer := httpx.get(f"{process.url}/metrics", headers={"Authorization": f"Bearer {key}"})).is_error:
+        assert answer.status_code == 429
+    found = re.findall(r'^tidemap_refused_total{problem="([a-z-]+)"} ([0-9.]+)$', answer.text, re.MULTILINE)
+    return {problem: float(number) for problem, number in found}
 
 
 def test_keys_open_and_close_doors(connect: Callable[..., Any], server: StartServer) -> None:

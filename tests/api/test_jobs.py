@@ -132,6 +132,16 @@ def test_waiting_ends_when_its_time_is_up(api: Api, seen: str, monkeypatch: pyte
     until(lambda: done(api.get(f"/jobs/{job['id']}"))["state"] == "done")
 
 
+def test_a_job_that_runs_can_be_waited_for(api: Api, seen: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    with held_up(api, monkeypatch):
+        job = done(api.post(f"/locations/{seen}/update", {}), 202)
+        assert done(api.get(f"/jobs/{job['id']}?wait=0.1"))["state"] != "done"
+    assert done(api.get(f"/jobs/{job['id']}?wait=30"))["state"] == "done"
+    assert done(api.get(f"/jobs/{job['id']}?wait=30"))["state"] == "done"
+    problem(api.get("/jobs/99999?wait=1"), 404, "job-not-found")
+    problem(api.get(f"/jobs/{job['id']}?wait=301"), 422)
+
+
 def test_a_location_may_be_deleted_under_its_job(api: Api, seen: str, monkeypatch: pytest.MonkeyPatch) -> None:
     with held_up(api, monkeypatch):
         job = done(api.post(f"/locations/{seen}/update", {}), 202)

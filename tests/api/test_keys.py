@@ -157,6 +157,21 @@ def test_a_revoked_key_stops_at_once(locked: Any) -> None:
     problem(api.request("DELETE", f"/keys/{made['id']}", headers=admin), 404, "key-not-found")
 
 
+def test_keys_are_listed_page_by_page(tmp_path: Path) -> None:
+    with open_house(tmp_path) as api:
+        admin = bearer(done(api.post("/keys", {"name": "0", "role": "admin"}), 201)["key"])
+        for number in range(1, 5):
+            done(api.post("/keys", {"name": str(number), "role": "robot"}, headers=admin), 201)
+        pages, after = [], {}
+        while after is not None:
+            page = done(api.get("/keys", params={"limit": 2, **after}, headers=admin))
+            pages.append([key["name"] for key in page["items"]])
+            after = None if page["next"] is None else {"after": page["next"]}
+        assert pages == [["0", "1"], ["2", "3"], ["4"]]
+        for wrong in ({"after": "x"}, {"limit": 0}, {"limit": 1001}):
+            problem(api.get("/keys", params=wrong, headers=admin), 422, "invalid-input")
+
+
 def test_a_key_names_who_acknowledged(locked: Any) -> None:
     api, secrets = locked
     answer = api.post("/anomalies/1/acknowledge", headers=bearer(secrets["operator"]))

@@ -44,6 +44,8 @@ PARAMETERS = {
     ("get", "/locations/{name}/series"): {"cell", "start", "stop", "step"},
     ("get", "/locations/{name}/model"): {"cell", "order"},
     ("get", "/jobs"): {"limit", "after"},
+    ("get", "/jobs/{}"): {"wait"},
+    ("get", "/keys"): {"limit", "after"},
     ("get", "/anomalies"): {"after", "limit", "start", "stop", "min_surprise", "acknowledged"},
     ("get", "/locations/{name}/anomalies"): {"after", "limit", "start", "stop", "min_surprise", "acknowledged"},
 }

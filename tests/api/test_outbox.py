@@ -3,8 +3,7 @@
 import asyncio
 import sqlite3
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from itertools import count
@@ -50,13 +49,6 @@ def make(process: ServerProcess, name: str) -> None:
 
 def robot(url: str, path: Path, **how: Any) -> Client[Queued]:
     return Client(url, outbox=path, patience=EAGER, **how)
-
-
-def until(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 120
-    while not condition():
-        assert time.monotonic() < deadline, "it did not come to that"
-        time.sleep(0.01)
 
 
 def stored(process: ServerProcess, name: str = "door") -> tuple[int, dict[int, int]]:
@@ -170,6 +162,25 @@ def test_a_key_that_is_not_valid_yet_costs_nothing_and_is_not_written_down(runni
             assert spot.outbox.flush(60)
             assert not any(key.encode() in file.read_bytes() for file in path.parent.iterdir())
         assert admin.location("door").get().observations == 1
+
+
+def test_a_limit_of_requests_delays_and_loses_nothing(
+    server: StartServer, path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    limits = {"TIDEMAP_REQUESTS_PER_S": "1", "TIDEMAP_REQUESTS_BURST": "2"}
+    process = server(env={"TIDEMAP_VIEWER": "false", **limits})
+    make(process, "door")
+    with Client(process.url) as owner:
+        key = owner.keys.create("spot", "admin").key
+    with robot(process.url, path, key=key) as spot:
+        for second in range(6):
+            spot.location("door").observe([second], [second % 2])
+        assert spot.outbox.flush(60)
+        assert spot.outbox.refused() == []
+        assert "Too many requests" in caplog.text
+    with Client(process.url, key=key) as owner:  # patient enough for a limit of one a second
+        assert owner.location("door").get().observations == 6
+    assert [time_s for posts in log_of(process).values() for time_s in posts] == list(range(6))
 
 
 def test_cells_as_rows_are_queued_without_the_server(shared_server: ServerProcess, path: Path) -> None:

@@ -9,17 +9,16 @@ from sqlalchemy import Table, delete, select, update
 from app.errors import CorruptChunkError
 from app.schemas.locations import LocationPatch
 from app.schemas.maps import EvaluateForm
-from app.services.anomalies import DetectQuery, detect
+from app.services.anomalies import DetectQuery, EventQuery, acknowledge, detect, list_events
 from app.services.context import Context
 from app.services.evaluate import evaluate
-from app.services.history import compact, read_history
 from app.services.locations import change_location, delete_location, find_location
 from app.services.model import model_of
 from app.services.predict import PredictQuery, StateQuery, predict_at, series, state_at
 from app.services.verify import Finding, verify
-from app.storage.tables import history, observation, spectrum
+from app.storage.tables import anomaly, history, observation, spectrum
 from app.storage.work import Work
-from tests.support.contexts import make_location, post_rows, post_states, refit
+from tests.support.contexts import compact_now, history_of, make_location, post_rows, post_states, refit
 
 MINUTE = 60.0
 CELLS = (0, 1030, 1031, 2400)
@@ -150,13 +149,13 @@ class TestHistory:
         assert (view.cell.tolist(), view.unavailable) == ([0, 2400], MIDDLE)
         for n in (7, 8):
             post_rows(ctx, "lab", [(MINUTE * n, cell, 1) for cell in CELLS])
-            compact(ctx, "lab")
+            compact_now(ctx, "lab")
         place = find_location(ctx, "lab")
         assert place.compacted_seq == place.observation_seq == 4
         assert payload(ctx, history, chunk=1) == spoilt
         assert series(ctx, "lab", 2400).observed.tolist() == [0, 1, 0, 1, 0, 1, 1, 1, 1]
         with pytest.raises(CorruptChunkError, match="history of location 'lab', chunk 1, segment 0 is corrupt"):
-            read_history(ctx, "lab", 1, 0, 2)
+            history_of(ctx, "lab", 1, 0, 2)
         assert findings(ctx) == [
             "location 'lab', history chunk 1, segment 0: its checksum is wrong",
             "location 'lab', spectrum chunk 1 of revision 2: it is missing",
@@ -172,15 +171,15 @@ class TestHistory:
             rows = [(MINUTE * n + 30, cell, 0) for cell in (*CELLS, 1600)]
             for name in ("lab", "twin"):
                 post_rows(ctx, name, rows)
-                compact(ctx, name)
+                compact_now(ctx, name)
         put_back(ctx, history, sound, location_id=find_location(ctx, "lab").id, chunk=1, segment=0)
         for _ in range(2):
             for chunk in range(3):
-                mine, other = (read_history(ctx, name, chunk, 0, 5002) for name in ("lab", "twin"))
+                mine, other = (history_of(ctx, name, chunk, 0, 5002) for name in ("lab", "twin"))
                 np.testing.assert_array_equal(mine.states(), other.states())
             refit(ctx, "lab", estimator="static")
             post_rows(ctx, "lab", [(MINUTE * n + 30, 1600, 0) for n in (6, 5000)])
-            compact(ctx, "lab")
+            compact_now(ctx, "lab")
         assert state_at(ctx, "lab", StateQuery(0.0)).unavailable == []
         assert findings(ctx) == []
         with ctx.store.read() as work:
@@ -190,11 +189,11 @@ class TestHistory:
         make_lab(ctx)
         damage(ctx, history, chunk=1)
         post_rows(ctx, "lab", [(MINUTE * 6, 1030, 1)])
-        compact(ctx, "lab")
+        compact_now(ctx, "lab")
         gone = delete(history).where(history.c.chunk == 1)
         ctx.store.write(lambda work: work.jobs._connection.execute(gone))
         ctx.histories.drop(lambda _: True)
-        assert read_history(ctx, "lab", 1, 0, 7).series(6, 0, 7).tolist() == [2] * 6 + [1]
+        assert history_of(ctx, "lab", 1, 0, 7).series(6, 0, 7).tolist() == [2] * 6 + [1]
         refit(ctx, "lab", estimator="static")
         assert state_at(ctx, "lab", StateQuery(0.0)).cell.tolist() == [0, 1030, 2400]
 
@@ -204,7 +203,7 @@ class TestHistory:
         refit(ctx, "lab", estimator="static")
         damage(ctx, history, chunk=1, segment=0)
         ctx.histories.drop(lambda _: True)
-        assert read_history(ctx, "lab", 1, 4096, 5001).series(6, 5000, 5001).tolist() == [1]
+        assert history_of(ctx, "lab", 1, 4096, 5001).series(6, 5000, 5001).tolist() == [1]
         view = state_at(ctx, "lab", StateQuery(MINUTE * 9, observed=True))
         assert view.cell.tolist() == list(CELLS)
         assert view.observed is not None
@@ -238,6 +237,20 @@ class TestHistory:
         assert state_at(ctx, "lab", StateQuery(0.0)).unavailable == []
 
 
+def test_an_event_whose_cells_are_damaged_is_shown_without_them(ctx: Context) -> None:
+    make_location(ctx, "lab", (50, 50), min_cells=1, confidence=0.6)
+    post_rows(ctx, "lab", [(MINUTE * n, 7, 0) for n in range(6)])
+    refit(ctx, "lab", estimator="static")
+    for n in (6, 7):
+        post_rows(ctx, "lab", [(MINUTE * n, 7, 1)])
+    first = update(anomaly).where(anomaly.c.id == 1).values(cells=b"")
+    ctx.store.write(lambda work: work.jobs._connection.execute(first))
+    events = list_events(ctx, EventQuery())
+    assert [(event.id, event.cells, event.bbox is None) for event in events] == [(1, [], True), (2, [7], False)]
+    assert acknowledge(ctx, 1, "me", None).acknowledged_by == "me"
+    assert ctx.damage.count() == 1
+
+
 class TestLog:
     """A damaged observation of the log."""
 
@@ -251,9 +264,9 @@ class TestLog:
         assert series(ctx, "lab", 1030).observed.tolist() == [0, 1] * 3 + [1, 2, 1]
         with caplog.at_level(logging.ERROR):
             for _ in range(2):
-                compact(ctx, "lab")
+                compact_now(ctx, "lab")
         assert find_location(ctx, "lab").compacted_seq == 4
-        assert read_history(ctx, "lab", 1, 0, 9).series(6, 0, 9).tolist() == [0, 1, 0, 1, 0, 1, 1, 2, 1]
+        assert history_of(ctx, "lab", 1, 0, 9).series(6, 0, 9).tolist() == [0, 1, 0, 1, 0, 1, 1, 2, 1]
         assert payload(ctx, observation, id=3) == spoilt
         assert findings(ctx) == ["location 'lab', observation 3: its checksum is wrong"]
 
@@ -261,8 +274,8 @@ class TestLog:
         make_lab(ctx)
         post_rows(ctx, "lab", [(MINUTE * 6, 0, 1)])
         damage(ctx, observation, id=2)
-        compact(ctx, "lab")
+        compact_now(ctx, "lab")
         assert find_location(ctx, "lab").compacted_seq == 2
         post_rows(ctx, "lab", [(MINUTE * 6, 0, 1)])
         refit(ctx, "lab", estimator="static")
-        assert read_history(ctx, "lab", 0, 0, 9).series(0, 0, 7).tolist() == [0, 1] * 3 + [1]
+        assert history_of(ctx, "lab", 0, 0, 9).series(0, 0, 7).tolist() == [0, 1] * 3 + [1]

@@ -20,7 +20,7 @@ from sqlalchemy import func, select
 
 from app.schemas.locations import LocationPatch
 from app.services.context import Context
-from app.services.history import compact, last_seen, read_history
+from app.services.history import last_seen
 from app.services.locations import change_location, delete_location, find_location
 from app.services.verify import Finding, verify
 from app.spectral.history import NEVER, UNOBSERVED
@@ -28,7 +28,7 @@ from app.spectral.timebase import TimeBase
 from app.storage.engine import open_reader
 from app.storage.records import CHUNK_CELLS
 from app.storage.tables import metadata
-from tests.support.contexts import make_location, opened, post_rows, refit
+from tests.support.contexts import compact_now, history_of, make_location, opened, post_rows, refit
 from tests.support.databases import Databases
 from tests.support.truth import Row, Truth, put, states_of
 
@@ -115,7 +115,7 @@ class HistoryMachine(RuleBasedStateMachine):
 
     @rule()
     def compact(self) -> None:
-        compact(self.ctx, self.name)
+        compact_now(self.ctx, self.name)
 
     @precondition(lambda self: self.truth)
     @rule()
@@ -164,7 +164,7 @@ class HistoryMachine(RuleBasedStateMachine):
         for chunk in range(2):
             first = chunk * CHUNK_CELLS
             mine = [cell for cell in CELLS if cell // CHUNK_CELLS == chunk]
-            history = read_history(self.ctx, self.name, chunk, WHOLE.start, WHOLE.stop)
+            history = history_of(self.ctx, self.name, chunk, WHOLE.start, WHOLE.stop)
             expected = states_of(self.truth, range(first, first + CHUNK_CELLS), WHOLE.start, WHOLE.stop)
             local = [cell - first for cell in mine]
             np.testing.assert_array_equal(history.cells(local).states(), expected[local])
@@ -175,7 +175,7 @@ class HistoryMachine(RuleBasedStateMachine):
         if not hasattr(self, "ctx"):
             return
         for start, stop in ((-4097, -4095), (-1, 4097), (6000, 6010)):
-            states = read_history(self.ctx, self.name, 1, start, stop).states()
+            states = history_of(self.ctx, self.name, 1, start, stop).states()
             dense = states_of(self.truth, range(1024, 1170), start, stop)
             np.testing.assert_array_equal(states, dense)
 

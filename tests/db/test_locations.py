@@ -8,7 +8,6 @@ from sqlalchemy import func, select
 
 from app.errors import LocationExistsError, LocationNotFoundError
 from app.services.context import Context
-from app.services.history import compact
 from app.services.jobs import request_update
 from app.services.locations import delete_location
 from app.services.update import UpdateRequest
@@ -16,7 +15,7 @@ from app.storage.records import AnomalyRecord
 from app.storage.store import Store
 from app.storage.tables import metadata
 from app.storage.work import Work
-from tests.support.contexts import NOW, make_location, post_rows, refit
+from tests.support.contexts import NOW, compact_now, make_location, post_rows, refit
 
 VALUES: dict[str, Any] = {
     "name": "door",
@@ -116,7 +115,7 @@ def fill(ctx: Context, name: str) -> int:
     for n in range(4):
         post_rows(ctx, name, [(n * 60.0, cell, (n + cell) % 2) for cell in (0, 500, 1199)], idempotency_key=f"k{n}")
         if n == 1:
-            compact(ctx, name)
+            compact_now(ctx, name)
     refit(ctx, name, estimator="static")
     request_update(ctx, name, UpdateRequest())
     with ctx.store.read() as work:

@@ -9,7 +9,6 @@ from sqlalchemy import select, update
 
 from app.errors import CorruptChunkError, IdempotencyConflictError, LocationNotFoundError
 from app.services.context import Context
-from app.services.history import compact, read_history
 from app.services.locations import delete_location, find_location
 from app.spectral.segment import Segment
 from app.storage.blobs import pack_measurements, pack_segment
@@ -18,7 +17,7 @@ from app.storage.store import Store
 from app.storage.tables import history, observation
 from app.storage.work import Work
 from tests.db.test_locations import VALUES
-from tests.support.contexts import make_location, opened, post_rows
+from tests.support.contexts import compact_now, history_of, make_location, opened, post_rows
 from tests.support.truth import Row, measurements_of
 
 
@@ -159,18 +158,18 @@ def test_a_damaged_segment_is_named_and_hurts_no_other(ctx: Context) -> None:
     make_location(ctx, "lab", (50, 50))
     cells = range(0, 2500, 7)
     post_rows(ctx, "lab", [(60.0 * n, cell, 1) for n in (5, 5000) for cell in cells])
-    compact(ctx, "lab")
+    compact_now(ctx, "lab")
     damage(ctx, chunk=1, segment=0)
     with pytest.raises(
         CorruptChunkError, match="history of location 'lab', chunk 1, segment 0 is corrupt: its checksum"
     ):
-        read_history(ctx, "lab", 1, 0, 5001)
+        history_of(ctx, "lab", 1, 0, 5001)
     for chunk, start in ((0, 0), (2, 0), (1, 4096)):
-        states = read_history(ctx, "lab", chunk, start, 5001).states()
+        states = history_of(ctx, "lab", chunk, start, 5001).states()
         mine = [cell % CHUNK_CELLS for cell in cells if cell // CHUNK_CELLS == chunk]
         assert np.flatnonzero((states == 1).any(axis=1)).tolist() == mine
     post_rows(ctx, "lab", [(60.0 * 6, 3, 0)])
-    assert read_history(ctx, "lab", 0, 0, 10).series(3, 6, 7).tolist() == [0]
+    assert history_of(ctx, "lab", 0, 0, 10).series(3, 6, 7).tolist() == [0]
 
 
 def test_a_damaged_observation_is_named(ctx: Context) -> None:
@@ -184,7 +183,7 @@ def test_a_damaged_observation_is_named(ctx: Context) -> None:
     with ctx.store.read() as work:
         damage = work.observations.tail(work.locations.get("lab")).damage
     assert [str(error)[:51] for error in damage.values()] == ["The stored observation 2 of location 'lab' is corru"]
-    assert read_history(ctx, "lab", 0, 0, 2).series(1, 0, 2).tolist() == [1, 2]
+    assert history_of(ctx, "lab", 0, 0, 2).series(1, 0, 2).tolist() == [1, 2]
 
 
 def test_two_compactions_at_once_lose_and_double_nothing(ctx: Context) -> None:
@@ -192,16 +191,16 @@ def test_two_compactions_at_once_lose_and_double_nothing(ctx: Context) -> None:
     rows = [(60.0 * n + 0.5, (n * 37) % 2500, n % 2) for n in range(60)]
     with ThreadPoolExecutor(6) as pool:
         posts = [pool.submit(post_rows, ctx, "lab", rows[n : n + 3]) for n in range(0, 60, 3)]
-        compactions = [pool.submit(compact, ctx, "lab") for _ in range(12)]
+        compactions = [pool.submit(compact_now, ctx, "lab") for _ in range(12)]
         for each in (*posts, *compactions):
             each.result()
     for _ in range(2):
         for chunk in range(3):
-            states = read_history(ctx, "lab", chunk, 0, 60).states()
+            states = history_of(ctx, "lab", chunk, 0, 60).states()
             for _, cell, state in rows:
                 if cell // CHUNK_CELLS == chunk:
                     assert state in states[cell % CHUNK_CELLS]
-        compact(ctx, "lab")
+        compact_now(ctx, "lab")
     place = find_location(ctx, "lab")
     assert place.compacted_seq == place.observation_seq == 20
 
@@ -220,7 +219,7 @@ def test_history_of_a_new_location_is_not_that_of_a_deleted_one(ctx: Context) ->
     for state in (1, 0):
         make_location(ctx, "lab", (50, 50))
         post_rows(ctx, "lab", [(0.0, 7, state)])
-        assert read_history(ctx, "lab", 0, 0, 1).series(7, 0, 1).tolist() == [state]
+        assert history_of(ctx, "lab", 0, 0, 1).series(7, 0, 1).tolist() == [state]
         delete_location(ctx, "lab")
 
 

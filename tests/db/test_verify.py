@@ -11,7 +11,6 @@ from sqlalchemy import Connection, create_engine, make_url, text
 from app.errors import DatabaseUnusableError, SchemaVersionError
 from app.services.checks import Tally
 from app.services.context import Context
-from app.services.history import compact
 from app.services.jobs import request_update
 from app.services.keys import create_key
 from app.services.locations import find_location
@@ -21,7 +20,7 @@ from app.spectral.segment import Segment
 from app.spectral.spectrum import static
 from app.storage.blobs import pack_cells, pack_measurements, pack_segment, pack_spectrum
 from app.storage.codec import seal, unseal
-from tests.support.contexts import make_location, post_rows, post_states, refit
+from tests.support.contexts import compact_now, make_location, post_rows, post_states, refit
 from tests.support.truth import measurements_of
 
 LAB = "(SELECT id FROM location WHERE name = 'lab')"
@@ -74,7 +73,7 @@ def test_an_empty_database_is_in_order(database_url: str) -> None:
 
 def test_it_is_in_order_after_everything_is_compacted(ctx: Context, url: str) -> None:
     for name in ("lab", "door", "empty"):
-        compact(ctx, name)
+        compact_now(ctx, name)
     assert findings(url) == []
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from threading import Event
 from typing import Any
@@ -342,7 +342,7 @@ def test_a_store_reads_what_it_wrote(store: Store) -> None:
     assert store.write(key("door")) == "door"
     assert store.submit(key("gate")).result(WAIT_S) == "gate"
     with store.read() as work:
-        assert [each.name for each in work.keys.list()] == ["door", "gate"]
+        assert [each.name for each in work.keys.list(None, None)] == ["door", "gate"]
 
 
 def test_a_reader_sees_one_moment(store: Store) -> None:
@@ -353,6 +353,12 @@ def test_a_reader_sees_one_moment(store: Store) -> None:
         assert work.keys.count() == 1
     with store.read() as work:
         assert work.keys.count() == 2
+
+
+def test_every_request_that_runs_finds_a_connection(store: Store) -> None:
+    with ExitStack() as stack:
+        for _ in range(40):
+            assert stack.enter_context(store.read()).keys.count() == 0
 
 
 def test_a_lost_connection_fails_one_read(

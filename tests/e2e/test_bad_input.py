@@ -164,7 +164,8 @@ def test_half_a_request_stores_nothing(site: Site, shared_server: ServerProcess)
     name = site.empty_room()
     before = site.http.get(f"/locations/{name}").json()
     body = json.dumps({"time": [600], "state": [1]})
-    head = f"POST /api/v1/locations/{name}/observations HTTP/1.1\r\nContent-Type: application/json\r\nHost: x\r\n"
+    where = f"/api/v1/locations/{name}/observations HTTP/1.1\r\nHost: localhost"
+    head = f"POST {where}\r\nContent-Type: application/json\r\n"
     for sent in (f"{head}Content-Length: {len(body) + 1}\r\n\r\n{body}", f"{head}Transfer-Encoding: chunked\r\n\r\n"):
         with closing(socket.create_connection(("127.0.0.1", shared_server.port), timeout=5)) as connection:
             connection.sendall(sent.encode())

@@ -10,11 +10,14 @@ from websockets.sync.client import connect as listen
 from app.client import Client
 from tests.support.fleet import RESTLESS, dice, fleet_at_work
 from tests.support.forked import Forked
-from tests.support.server import StartServer
+from tests.support.server import StartServer, clean_environment
 from tests.support.sightings import PLACES, make_places
+from tests.support.stored import check_stored
 
 KILLS = 20
-LONGEST_S = 0.8
+LONGEST_S = 1.0
+STARTING_S = 0.5
+"""About what it takes to start."""
 
 
 @pytest.mark.slow
@@ -30,14 +33,30 @@ def test_a_server_killed_twenty_times_has_lost_nothing(server: StartServer, data
             running.restart()
         fleet.wait_for_answers(10)
     assert set(fleet.failures) <= {0}
+    assert "Traceback" not in running.output()
     fleet.check(running.url, database_url)
     # What was stored while dying can be refitted and compacted like everything else.
     with Client(running.url) as tidemap:
         for name in PLACES:
             assert tidemap.location(name).update(wait=True).state == "done"
     fleet.check(running.url, database_url)
-    print(len(fleet.kept), "posts")
     assert running.stop() == 0
+
+
+def test_a_server_killed_while_it_makes_its_database(
+    server: StartServer, empty_database_url: str, tmp_path: Path
+) -> None:
+    chance = dice()
+    for _ in range(KILLS // 2):
+        words = ["serve", "--port", "0", "--database-url", empty_database_url]
+        starting = Forked(words, clean_environment(), tmp_path / "log")
+        time.sleep(chance.uniform(0, STARTING_S))
+        starting.kill()
+        starting.wait()
+    running = server(database_url=empty_database_url, launch=Forked)
+    make_places(running.url)
+    check_stored(running.url, empty_database_url, [])
+    assert "Traceback" not in (tmp_path / "log").read_text()
 
 
 def test_a_server_told_to_stop_finishes_what_it_took(server: StartServer, tmp_path: Path) -> None:

@@ -82,4 +82,3 @@ def test_robots_killed_twenty_times_lose_nothing_they_kept(server: StartServer, 
     assert len(kept) >= DEATHS * len(OUTBOXES)
     # Each death may have come between the outbox and the receipt.
     check_stored(running.url, f"sqlite:///{running.data / 'tidemap.db'}", kept, unsure=DEATHS * len(OUTBOXES))
-    print(len(kept))

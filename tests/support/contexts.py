@@ -10,10 +10,12 @@ from app.formats.arrow import encode_table
 from app.ingest.observation import ARROW, Body
 from app.schemas.locations import Location, LocationForm
 from app.services.context import Context, open_context
-from app.services.locations import create_location
+from app.services.history import compact, read_history
+from app.services.locations import create_location, find_location
 from app.services.observe import Observed, Post, observe
 from app.services.update import UpdateRequest, run_update
 from app.settings import Settings
+from app.spectral.history import History
 from app.spectral.measurements import Measurements
 from app.storage.records import RevisionRecord
 from tests.support.truth import Row, measurements_of
@@ -76,4 +78,14 @@ def post_states(ctx: Context, name: str, time: Any, state: Any, **post: Any) -> 
 
 def refit(ctx: Context, name: str = "lab", **request: Any) -> RevisionRecord:
     """An update, here and now."""
-    return run_update(ctx, name, UpdateRequest(**request), Serial(), lambda _: None)
+    return run_update(ctx, find_location(ctx, name).id, UpdateRequest(**request), Serial(), lambda _: None)
+
+
+def compact_now(ctx: Context, name: str = "lab") -> None:
+    """A compaction, here and now."""
+    compact(ctx, find_location(ctx, name))
+
+
+def history_of(ctx: Context, name: str, chunk: int, start: int, stop: int) -> History:
+    """What was observed in one chunk of a location over samples [start, stop)."""
+    return read_history(ctx, find_location(ctx, name), chunk, start, stop)

@@ -3,7 +3,6 @@
 import os
 import random
 import threading
-import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
@@ -53,7 +52,7 @@ class OutboxRobot:
 
 
 class DirectRobot:
-    """Posts without an outbox, each observation as often as it takes to hear that it is stored."""
+    """Posts without an outbox, each observation as often as it takes to hear that it is stored, with the same key."""
 
     def __init__(self, number: int, client: Client[Any]) -> None:
         self.number = number
@@ -63,20 +62,16 @@ class DirectRobot:
         """HTTP status of every try that failed, 0 where nobody answered."""
 
     def run(self, stop: threading.Event) -> None:
-        """Post one after the other; when told to stop it still finishes what it began."""
+        """Post one after the other; of the last it may not have heard."""
         while not stop.is_set():
             sighting = Sighting(self.number, len(self.kept))
-            while not self._stored(sighting):
-                time.sleep(AGAIN_S)
-            self.kept.append(sighting)
-
-    def _stored(self, sighting: Sighting) -> bool:
-        try:
-            sighting.post(self.client, f"{sighting}")
-        except TidemapError as error:
-            self.failures.append(error.status)
-            return False
-        return True
+            try:
+                sighting.post(self.client, f"{sighting}")
+            except TidemapError as error:
+                self.failures.append(error.status)
+                stop.wait(AGAIN_S)
+            else:
+                self.kept.append(sighting)
 
 
 class Fleet:
@@ -112,8 +107,8 @@ class Fleet:
             assert robot.client.outbox.refused() == []
 
     def check(self, url: str, database_url: str) -> None:
-        """Everything that a robot may rely on is stored exactly once, and nothing else."""
-        check_stored(url, database_url, self.kept)
+        """Everything that a robot may rely on is stored exactly once, and nothing else but what was under way."""
+        check_stored(url, database_url, self.kept, unsure=len(self.direct))
 
 
 @contextmanager
@@ -137,8 +132,8 @@ def fleet_at_work(url: str, folder: Path) -> Iterator[Fleet]:
             yield fleet
         finally:
             stop.set()
-        for each in running:
-            each.result()
+            for each in running:
+                each.result()
         fleet.deliver()
 
 

@@ -1,4 +1,4 @@
-"""`tidemap …` as a process that starts in a tenth of the time: a fork of one that has imported everything already."""
+"""`tidemap …` as a process that starts in a quarter of the time: a fork of one that has imported everything already."""
 
 import multiprocessing
 import os

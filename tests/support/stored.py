@@ -28,10 +28,13 @@ def check_stored(url: str, database_url: str, sure: Collection[Sighting], unsure
     verified = command("verify", "--database-url", database_url)
     assert verified.returncode == 0, verified.stdout + verified.stderr
     log = _log(database_url)
-    assert [sighting for sighting, times in log.items() if times != 1] == []
-    assert set(sure) - set(log) == set()
-    assert len(set(log) - set(sure)) <= unsure
-    assert count_stored(url) == sum(len(sighting.rows) for sighting in log)
+    twice = [sighting for sighting, times in log.items() if times != 1]
+    assert not twice, f"stored more than once: {twice}"
+    lost = set(sure) - set(log)
+    assert not lost, f"lost: {sorted(lost)}"
+    others = set(log) - set(sure)
+    assert len(others) <= unsure, f"nobody relies on: {sorted(others)}"
+    assert count_stored(url) == sum(len(sighting.rows) for sighting in log), "counted otherwise than stored"
     with Client(url) as tidemap:
         for name in PLACES:
             _check_history(tidemap, name, [sighting for sighting in log if sighting.place == name])

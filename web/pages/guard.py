@@ -7,26 +7,26 @@ from fastapi import Request, Response
 from fastapi.responses import RedirectResponse
 from starlette.requests import HTTPConnection
 
-from app.api.auth import COOKIE, principal_of
-from app.errors import ForbiddenError, UnauthorizedError
+from app.api.auth import COOKIE, counting_wrong_keys, of_connection, refuse_other_sites
+from app.errors import ForbiddenError, TidemapError, UnauthorizedError
 from app.services.context import Context
 from app.services.keys import OPEN, SESSION_S, Principal, allows, by_secret, session_of
 
 NO_STORE = {"Cache-Control": "no-store"}
 
 
-def principal(ctx: Context, connection: HTTPConnection) -> Principal:
-    """Who asks, if they may look. Raises UnauthorizedError, ForbiddenError."""
-    found = principal_of(ctx, connection.headers, connection.cookies)
+def principal(connection: HTTPConnection) -> Principal:
+    """Who asks, if they may look. Raises UnauthorizedError, ForbiddenError, OtherSiteError, RateLimitError."""
+    found = of_connection(connection)
     if not allows(found.role, "operator"):
         raise ForbiddenError("A robot's key is for posting; the pages need an operator's key.")
     return found
 
 
-def signed_in(ctx: Context, request: Request) -> Principal | None:
+def signed_in(request: Request) -> Principal | None:
     """Who is named at the top of a page; nobody on an open server."""
     try:
-        found = principal(ctx, request)
+        found = principal(request)
     except (UnauthorizedError, ForbiddenError):
         return None
     return None if found == OPEN else found
@@ -34,13 +34,13 @@ def signed_in(ctx: Context, request: Request) -> Principal | None:
 
 def header(ctx: Context, request: Request) -> dict[str, Any]:
     """What the header of every page shows."""
-    return {"signed_in": signed_in(ctx, request), "has_viewer": ctx.settings.viewer}
+    return {"signed_in": signed_in(request), "has_viewer": ctx.settings.viewer}
 
 
-def refuse(ctx: Context, request: Request) -> Response | None:
+def refuse(request: Request) -> Response | None:
     """401 or 403 for whoever may not look, None for whoever may."""
     try:
-        principal(ctx, request)
+        principal(request)
     except UnauthorizedError as error:
         return Response(str(error), 401, {"WWW-Authenticate": "Bearer", **NO_STORE}, "text/plain")
     except ForbiddenError as error:
@@ -48,9 +48,9 @@ def refuse(ctx: Context, request: Request) -> Response | None:
     return None
 
 
-def redirect(ctx: Context, request: Request) -> Response | None:
+def redirect(request: Request) -> Response | None:
     """Send whoever may not look to the sign-in page; None for whoever may."""
-    if refuse(ctx, request) is None:
+    if refuse(request) is None:
         return None
     if "hx-request" in request.headers:
         shown = urlsplit(request.headers.get("hx-current-url", "/"))
@@ -59,21 +59,25 @@ def redirect(ctx: Context, request: Request) -> Response | None:
     return RedirectResponse(_login(request.url.path + query), 303, NO_STORE)
 
 
-def allows_socket(ctx: Context, socket: HTTPConnection) -> bool:
+def allows_socket(socket: HTTPConnection) -> bool:
     """Whether a WebSocket may open: its sender may look, and comes from our own pages if from a browser."""
-    origin = socket.headers.get("origin")
-    if origin is not None and urlsplit(origin).netloc != socket.headers.get("host"):
-        return False
     try:
-        principal(ctx, socket)
-    except (UnauthorizedError, ForbiddenError):
+        refuse_other_sites(socket)
+        principal(socket)
+    except TidemapError:
         return False
     return True
 
 
 def sign_in(ctx: Context, request: Request, secret: str, then: str) -> Response:
-    """Remember a browser by its key for as long as a session lasts. Raises UnauthorizedError, ForbiddenError."""
-    if not allows(by_secret(ctx, secret).role, "operator"):
+    """Remember a browser by its key for as long as a session lasts.
+
+    Raises UnauthorizedError, ForbiddenError, OtherSiteError, RateLimitError.
+    """
+    refuse_other_sites(request)
+    with counting_wrong_keys(request, secret):
+        found = by_secret(ctx, secret)
+    if not allows(found.role, "operator"):
         raise ForbiddenError("This is a robot's key, which is for posting. Sign in with an operator's key.")
     answer = RedirectResponse(then, 303, NO_STORE)
     answer.set_cookie(

@@ -55,7 +55,7 @@ def _add_session(ctx: Context, routes: APIRouter) -> None:
     @routes.get("/login", response_model=None)
     def login(request: Request, next: str = "/") -> Response:
         """The form that asks for a key; who needs none goes straight on."""
-        if guard.refuse(ctx, request) is None:
+        if guard.refuse(request) is None:
             return RedirectResponse(guard.local(next), 303, guard.NO_STORE)
         return _login_page(ctx, request, next)
 
@@ -82,7 +82,7 @@ def _login_page(ctx: Context, request: Request, then: str, problem: str | None =
 
 def _guarded(ctx: Context, request: Request, template: str, facts: Callable[[], Facts]) -> Response:
     """The page for who may look; 404 in words for a location that is not there."""
-    if turned_away := guard.redirect(ctx, request):
+    if turned_away := guard.redirect(request):
         return turned_away
     header = guard.header(ctx, request)
     try:

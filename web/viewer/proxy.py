@@ -36,7 +36,7 @@ def router(ctx: Context, viewer: ViewerServer) -> APIRouter:
     @routes.get("/", response_model=None)
     def view(request: Request) -> Response:
         """The viewer's page. `?location=` and `?time=` choose what it opens with."""
-        if turned_away := guard.redirect(ctx, request):
+        if turned_away := guard.redirect(request):
             return turned_away
         facts = {
             "token": secrets.token_urlsafe(18),
@@ -52,7 +52,7 @@ def router(ctx: Context, viewer: ViewerServer) -> APIRouter:
     @routes.get("/scene/", response_model=None)
     def scene(request: Request) -> Response:
         """Viser's own client, which draws the scene."""
-        if refused := guard.refuse(ctx, request):
+        if refused := guard.refuse(request):
             return refused
         body, _ = _client_page()
         return Response(
@@ -69,12 +69,12 @@ def router(ctx: Context, viewer: ViewerServer) -> APIRouter:
     @routes.get("/sessions", response_model=None)
     def sessions(request: Request) -> Response | list[Message]:
         """What every open tab shows, for tests and operators."""
-        return guard.refuse(ctx, request) or viewer.stats()
+        return guard.refuse(request) or viewer.stats()
 
     @routes.websocket("/control/{token}")
     async def control(socket: WebSocket, token: str) -> None:
         """The page's wishes and the session's answers."""
-        if not await run_in_threadpool(guard.allows_socket, ctx, socket) or not _TOKEN.fullmatch(token):
+        if not await run_in_threadpool(guard.allows_socket, socket) or not _TOKEN.fullmatch(token):
             await socket.close(1008)
             return
         await socket.accept()
@@ -83,7 +83,7 @@ def router(ctx: Context, viewer: ViewerServer) -> APIRouter:
     @routes.websocket("/scene/{token}")
     async def through(socket: WebSocket, token: str) -> None:
         """Viser's socket, passed through."""
-        if not await run_in_threadpool(guard.allows_socket, ctx, socket) or not viewer.knows(token):
+        if not await run_in_threadpool(guard.allows_socket, socket) or not viewer.knows(token):
             await socket.close(_UNKNOWN_TAB)
             return
         await pipe(socket, viewer.port, token)

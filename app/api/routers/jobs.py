@@ -13,6 +13,7 @@ from app.services import jobs
 from app.services.update import UpdateRequest
 
 router = APIRouter(tags=["jobs"], route_class=FormRoute)
+Wait = Annotated[float, Query(ge=0, le=300, description="Seconds to wait for the end.")]
 
 
 @router.post("/locations/{name}/update", status_code=202, responses={200: {"model": Job}})
@@ -22,7 +23,7 @@ async def update(
     _: Operator,
     response: Response,
     form: UpdateForm | None = None,
-    wait: Annotated[float, Query(ge=0, le=300, description="Seconds to wait for the end.")] = 0,
+    wait: Wait = 0,
 ) -> Job:
     """Refit a location; 202 with a job, or 200 with the finished job when it ended within `wait`."""
     request = UpdateRequest(**(form or UpdateForm()).model_dump())
@@ -41,9 +42,9 @@ def list_all(ctx: Ctx, _: Operator, limit: Limit = 100, after: After = None) -> 
 
 
 @router.get("/jobs/{job_id}")
-def get(job_id: Id, ctx: Ctx, _: Operator) -> Job:
-    """One job."""
-    return jobs.get_job(ctx, job_id)
+async def get(job_id: Id, ctx: Ctx, _: Operator, wait: Wait = 0) -> Job:
+    """One job, when it has ended or after `wait` seconds."""
+    return await wait_for_job(ctx, lambda: jobs.get_job(ctx, job_id), wait)
 
 
 @router.delete("/jobs/{job_id}")

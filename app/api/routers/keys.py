@@ -3,7 +3,7 @@
 from fastapi import APIRouter
 
 from app.api.bodies import FormRoute
-from app.api.dependencies import Admin, Ctx, Id
+from app.api.dependencies import Admin, After, Ctx, Id, Limit, cursor
 from app.schemas.common import Page
 from app.schemas.keys import Key, KeyForm, NewKey
 from app.services import keys
@@ -12,9 +12,10 @@ router = APIRouter(prefix="/keys", tags=["keys"], route_class=FormRoute)
 
 
 @router.get("")
-def list_all(ctx: Ctx, _: Admin) -> Page[Key]:
-    """All keys, without their secrets."""
-    return Page(items=keys.list_keys(ctx))
+def list_all(ctx: Ctx, _: Admin, limit: Limit = 100, after: After = None) -> Page[Key]:
+    """Keys without their secrets, in order of creation."""
+    items = keys.list_keys(ctx, cursor("after", after), limit + 1)
+    return Page(items=items[:limit], next=str(items[limit - 1].id) if len(items) > limit else None)
 
 
 @router.post("", status_code=201)

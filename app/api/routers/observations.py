@@ -18,7 +18,8 @@ router = APIRouter(prefix="/locations/{name}/observations", tags=["observations"
 _BODY: dict[str, Any] = {
     "requestBody": {
         "required": True,
-        "description": "Columns of measurements. May be gzip- or zstd-encoded (Content-Encoding).",
+        "description": "Columns of measurements. May be gzip- or zstd-encoded (Content-Encoding), "
+        "zstd with a window of 8 MB at most.",
         "content": {
             "application/json": {
                 "schema": {

@@ -30,7 +30,9 @@ def keys(script: Script) -> list[str]:
     return [request.headers["Idempotency-Key"] for request in script.received]
 
 
-@pytest.mark.parametrize("failure", [HANG_UP, Said(503, BUSY), Said(429, BUSY), Said(502, b"bad gateway")])
+@pytest.mark.parametrize(
+    "failure", [HANG_UP, Said(503, BUSY), Said(429, BUSY), Said(408, BUSY), Said(502, b"bad gateway")]
+)
 def test_a_post_is_sent_again_with_the_same_key_and_body(failure: Said) -> None:
     with scripted(failure, failure, Said(201, STORED)) as script:
         assert observe(script).accepted == 1

@@ -15,10 +15,9 @@ from app.events.messages import Message
 from app.ingest.observation import JSON, Body
 from app.services.anomalies import EventQuery, list_events
 from app.services.context import Context
-from app.services.history import read_history
 from app.services.locations import find_location, get_location
 from app.services.observe import Post, observe
-from tests.support.contexts import NOW, make_location, post_rows, post_states, refit
+from tests.support.contexts import NOW, history_of, make_location, post_rows, post_states, refit
 
 
 def learned_door(ctx: Context) -> None:
@@ -154,4 +153,4 @@ def test_what_could_not_be_stored_is_not_told(ctx: Context, monkeypatch: pytest.
 def test_times_of_all_signs_and_fractions_fall_into_their_samples(ctx: Context) -> None:
     make_location(ctx, "door", interval_s=0.25, epoch=0.125)
     post_states(ctx, "door", [-0.125, 0.0, 0.125, 0.374, 0.375], [1, 0, 1, 1, 0])
-    assert read_history(ctx, "door", 0, -2, 3).states().tolist() == [[2, 0, 1, 0, 2]]
+    assert history_of(ctx, "door", 0, -2, 3).states().tolist() == [[2, 0, 1, 0, 2]]

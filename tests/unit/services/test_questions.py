@@ -8,12 +8,11 @@ import pytest
 from app.errors import CellNotFoundError, InvalidInputError, LocationNotFoundError, NoModelError
 from app.schemas.locations import LocationPatch
 from app.services.context import Context
-from app.services.history import compact
 from app.services.locations import change_location
 from app.services.predict import PredictQuery, StateQuery, predict_at, series, state_at
 from app.services.spectra import fitted
 from app.spectral.prediction import predict_slow
-from tests.support.contexts import make_location, post_rows, post_states, refit
+from tests.support.contexts import compact_now, make_location, post_rows, post_states, refit
 
 DAY = 86_400.0
 NEVER = 2
@@ -61,7 +60,7 @@ def test_observed_is_what_was_last_seen_then_and_never_later(ctx: Context, compa
     post_rows(ctx, "lab", changes)
     refit(ctx, "lab", estimator="static", start=0.0, stop=60.0 * 9001)
     if compacted:
-        compact(ctx, "lab")
+        compact_now(ctx, "lab")
 
     def seen(time: float) -> list[tuple[int, float | None]]:
         view = state_at(ctx, "lab", StateQuery(time, observed=True))
@@ -184,7 +183,7 @@ def test_no_answer_is_out_of_date(ctx: Context) -> None:
     assert answers() == (2, [0.5], [0], [1, 2, 2, 0, 2])
     post_states(ctx, "door", [190.0], [1])
     assert answers() == (2, [0.5], [1], [1, 2, 2, 1, 2])
-    compact(ctx, "door")
+    compact_now(ctx, "door")
     assert answers() == (2, [0.5], [1], [1, 2, 2, 1, 2])
     refit(ctx, "door", start=0.0, stop=60.0)
     assert answers() == (3, [1.0], [1], [1, 2, 2, 1, 2])

@@ -9,11 +9,10 @@ import pytest
 from app.errors import TidemapError
 from app.services.anomalies import DetectQuery, EventQuery, detect, list_events
 from app.services.context import Context
-from app.services.history import compact, read_history
 from app.services.locations import get_location, list_locations
 from app.services.predict import PredictQuery, StateQuery, predict_at, series, state_at
 from app.spectral.history import UNOBSERVED
-from tests.support.contexts import make_location, opened, post_rows, refit
+from tests.support.contexts import compact_now, history_of, make_location, opened, post_rows, refit
 
 CELLS = (3, 900, 1030, 1599)
 
@@ -46,7 +45,7 @@ def post(ctx: Context, n: int) -> None:
 
 
 def compaction(ctx: Context, _: int) -> None:
-    compact(ctx, "lab")
+    compact_now(ctx, "lab")
 
 
 def update(ctx: Context, n: int) -> None:
@@ -79,7 +78,7 @@ def assert_observed(observed: Any, at: Any) -> None:
 
 def assert_history(ctx: Context, chunk: int, stop: int, complete: bool) -> None:
     """What is there is right; and all is there where that is said."""
-    states = read_history(ctx, "lab", chunk, 0, stop).states()
+    states = history_of(ctx, "lab", chunk, 0, stop).states()
     for cell in CELLS:
         if cell // 1024 == chunk:
             seen = states[cell % 1024]

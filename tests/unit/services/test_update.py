@@ -8,14 +8,13 @@ import pytest
 
 from app.errors import InvalidInputError, LocationNotFoundError, NoModelError, TidemapError
 from app.services.context import Context
-from app.services.history import read_history
 from app.services.locations import delete_location, find_location, get_location
 from app.services.predict import StateQuery, state_at
 from app.services.spectra import current_revision, fitted
 from app.services.update import UpdateRequest, run_update
 from app.spectral.history import UNOBSERVED
 from app.spectral.prediction import predict_slow
-from tests.support.contexts import NOW, Clock, Serial, make_location, post_rows, post_states, refit
+from tests.support.contexts import NOW, Clock, Serial, history_of, make_location, post_rows, post_states, refit
 
 MINUTE, DAY = 60.0, 86_400.0
 
@@ -45,7 +44,7 @@ def test_accuracy_is_the_share_of_samples_that_the_model_had_right(ctx: Context)
     make_door(ctx, estimator="fft")
     for order in (1, 5):
         record = refit(ctx, "door", order=order)
-        states = read_history(ctx, "door", 0, 0, 3 * 1440).states()[0]
+        states = history_of(ctx, "door", 0, 0, 3 * 1440).states()[0]
         seen = states != UNOBSERVED
         p = predict_slow(fitted(ctx, "door").spectrum, np.arange(3 * 1440) * MINUTE)[0]
         assert record.accuracy == pytest.approx(np.mean((p > 0.5)[seen] == states[seen]), abs=1e-3)
@@ -140,7 +139,7 @@ def test_progress_goes_up_to_one(ctx: Context) -> None:
     make_location(ctx, "lab", (80, 40))
     post_rows(ctx, "lab", [(0.0, 7, 1)])
     told: list[float] = []
-    run_update(ctx, "lab", UpdateRequest(estimator="static"), Serial(), told.append)
+    run_update(ctx, find_location(ctx, "lab").id, UpdateRequest(estimator="static"), Serial(), told.append)
     assert told == sorted(told)
     assert (told[0], told[-1]) == (0.1, 1.0)
     assert len(told) == 5
@@ -165,7 +164,7 @@ def make_lab(ctx: Context) -> None:
 
 
 def interrupted(ctx: Context, act: Any) -> None:
-    run_update(ctx, "lab", UpdateRequest(estimator="static"), Interrupting(act), lambda _: None)
+    run_update(ctx, find_location(ctx, "lab").id, UpdateRequest(estimator="static"), Interrupting(act), lambda _: None)
 
 
 def test_nothing_of_an_update_is_visible_before_its_end(ctx: Context) -> None:

@@ -9,24 +9,23 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sqlalchemy import update
+from sqlalchemy import func, select, update
 
 from app.errors import JobFinishedError, JobNotFoundError, QueueFullError, StorageUnavailableError
 from app.events.messages import Message
 from app.schemas.jobs import Job
 from app.services import jobs as jobs_service
 from app.services.context import Context
-from app.services.history import compact
 from app.services.jobs import cancel_job, claim_job, get_job, list_jobs, request_update
 from app.services.locations import delete_location, find_location, get_location
 from app.services.predict import StateQuery, state_at
 from app.services.update import UpdateRequest
 from app.spectral.recipe import Recipe
 from app.storage.records import JobRecord, LocationRecord, RevisionRecord
-from app.storage.tables import history
+from app.storage.tables import history, observation
 from app.workers import updater as updater_module
 from app.workers.updater import Updater, is_due
-from tests.support.contexts import NOW, Clock, make_location, opened, post_rows, post_states
+from tests.support.contexts import NOW, Clock, compact_now, make_location, opened, post_rows, post_states
 
 WAIT_S = 20.0
 STATIC = UpdateRequest(estimator="static")
@@ -87,9 +86,17 @@ def test_the_first_update_is_due_once_the_history_is_long_enough(
 
 @pytest.mark.parametrize(
     ("measurements", "later_s", "due"),
-    [(1000, 1e9, False), (1099, 1e9, False), (1100, 29.0, False), (1100, 30.0, True), (9999, 0.0, False)],
+    [
+        (1000, 1e9, False),
+        (1001, 86_399.0, False),
+        (1001, 86_400.0, True),
+        (1099, 1e3, False),
+        (1100, 29.0, False),
+        (1100, 30.0, True),
+        (9999, 0.0, False),
+    ],
 )
-def test_another_is_due_when_the_history_has_grown_and_the_last_has_rested(
+def test_another_is_due_when_the_history_has_grown_enough_or_long_ago(
     ctx: Context, clock: Clock, measurements: int, later_s: float, due: bool
 ) -> None:
     place = place_of(ctx, first_time=0.0, last_time=1e6, measurements=measurements)
@@ -118,7 +125,7 @@ def test_posts_become_a_model_without_anybody_asking(lively: Context, clock: Clo
 def test_an_update_that_fails_is_not_asked_for_all_the_time(lively: Context, clock: Clock) -> None:
     make_location(lively, "door", estimator="fft", order=1)
     post_states(lively, "door", 60.0 * np.arange(60), np.ones(60))
-    compact(lively, "door")
+    compact_now(lively, "door")
     lively.store.write(lambda work: work.jobs._connection.execute(update(history).values(payload=b"")))
     with working(lively):
         until(lambda: [job for job in list_jobs(lively, None, 9) if job.state == "failed"])
@@ -351,6 +358,21 @@ def test_one_location_that_cannot_be_cared_for_keeps_no_other_from_it(
     with working(lively):
         until(lambda: find_location(lively, "door").revision)
     assert "location attic" in caplog.text
+
+
+def test_what_has_served_its_time_is_pruned(lively: Context, clock: Clock) -> None:
+    make_location(lively, "door")
+    post_states(lively, "door", [0.0], [1])
+    compact_now(lively, "door")
+    clock.now += 8 * 86400
+
+    def left() -> int:
+        with lively.store.read() as work:
+            return work.jobs._connection.execute(select(func.count()).select_from(observation)).scalar_one()
+
+    assert left() == 1
+    with working(lively):
+        until(lambda: left() == 0)
 
 
 def test_the_updater_can_be_told_to_leave_things_alone(sqlite_url: str) -> None:
