@@ -4,6 +4,7 @@ import asyncio
 import logging
 import signal
 import socket
+import sys
 from contextlib import ExitStack
 from dataclasses import dataclass
 from threading import Event, Thread
@@ -21,6 +22,8 @@ from web.site import open_site
 
 log = logging.getLogger(__name__)
 GRACE_S = 10
+SWITCH_S = 0.0005
+"""Threads that compute give way after so long: one that reads gives way at every row, and waited 5 ms for each."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +50,7 @@ class _Server(uvicorn.Server):
 def serve(ctx: Context, options: Options) -> int:
     """Serve until told to stop; 0 when that went well."""
     settings = ctx.settings
+    sys.setswitchinterval(SWITCH_S)
     warm()
     with ExitStack() as stack:
         site = stack.enter_context(open_site(ctx))

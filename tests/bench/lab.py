@@ -8,7 +8,7 @@ from app.client.encoding import arrow, look
 from app.ingest.observation import ARROW, Body
 from app.schemas.locations import LocationForm
 from app.services.context import Context
-from app.services.locations import create_location
+from app.services.locations import create_location, find_location
 from app.services.observe import Post, observe
 from app.services.update import UpdateRequest, run_update
 from app.workers.executors import LocalExecutor
@@ -47,7 +47,7 @@ def prepare(ctx: Context) -> None:
     for i in range(LEARNED_LOOKS):
         observe(ctx, NAME, Post(Body(seen(until - 7200.0 * (LEARNED_LOOKS - i)), ARROW)))
     executor = LocalExecutor(2)
-    run_update(ctx, NAME, UpdateRequest(), executor, lambda _: None)
+    run_update(ctx, find_location(ctx, NAME).id, UpdateRequest(), executor, lambda _: None)
     executor.close()
 
 

@@ -55,7 +55,7 @@ def floor_server() -> Iterator[Target]:
         yield target
     finally:
         process.terminate()
-        process.wait()
+        process.communicate()
 
 
 def request(method: str, path: str, body: bytes = b"", **headers: str) -> bytes:

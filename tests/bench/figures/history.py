@@ -45,7 +45,7 @@ def measure() -> Figure:
 def bare(ctx: Context, name: str) -> int:
     """Bytes of the two planes of all chunks, one after the other, compressed at once."""
     place = find_location(ctx, name)
-    chunks = [read_history(ctx, name, chunk, *window(ctx, place)) for chunk in range(place.n_chunks)]
+    chunks = [read_history(ctx, place, chunk, *window(ctx, place)) for chunk in range(place.n_chunks)]
     planes = [plane.ravel() for chunk in chunks for plane in (chunk.observed, chunk.occupied)]
     return len(zstandard.ZstdCompressor(level=19).compress(np.concatenate(planes).tobytes()))
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import zstandard
 
 from app.services.context import Context
+from app.services.locations import find_location
 from app.services.predict import series
 from app.services.spectra import fitted
 from app.services.update import UpdateRequest, run_update
@@ -50,7 +51,7 @@ def measure(shape: tuple[int, ...] = million.SHAPE) -> Figure:
 
 def update(ctx: Context) -> None:
     executor = LocalExecutor(ctx.settings.update_threads)
-    run_update(ctx, million.NAME, UpdateRequest(), executor, lambda _: None)
+    run_update(ctx, find_location(ctx, million.NAME).id, UpdateRequest(), executor, lambda _: None)
     executor.close()
 
 
