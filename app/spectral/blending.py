@@ -24,13 +24,15 @@ from app.spectral.trials import Task, losses
 TRUST = 0.025
 """What a nat of log loss counts where neighbouring visits are a quarter of an hour apart or less."""
 FEW_CELLS = 4
-MEMBERS = (60, 3)
+MEMBERS = (60, 2)
 """Priors averaged at most: where few cells decide, all of some weight, and where many do and cost counts."""
+DEAR_EVIDENCE = 1.0
+"""More evidence, and weekdays that differ much, take more steps to fit: for few cells only."""
 LEAST_WEIGHT = 0.002
 PERIOD_BELIEF = 2.0
 """What a period has to be better by, as a logarithm, for it was found on the days it is tried on."""
-MARGIN = 1.002
-"""A higher order has to lower the log loss by this factor."""
+MARGINS = (1.0, 1.002)
+"""A higher order has to lower the log loss by this factor: of few cells it costs nothing."""
 
 WEEKS: dict[Week, float] = {"day": 0.0, "weekend": 0.0, "week": 0.5, "days": 0.0}
 EVIDENCE = (16.0, 4.0, 1.0, 0.25, 0.0625)
@@ -40,7 +42,7 @@ their distance."""
 HALF_LIVES = (math.inf, 28.0, 7.0)
 
 
-def grid(interval_s: float) -> tuple[list[Prior], NDArray[np.float64]]:
+def grid(interval_s: float, n_cells: int) -> tuple[list[Prior], NDArray[np.float64]]:
     """The priors tried and the logarithms of what is believed of each."""
     slope = EVIDENCE_SLOPE[0] + EVIDENCE_SLOPE[1] * math.log(_spacing(interval_s))
     belief = {
@@ -48,6 +50,7 @@ def grid(interval_s: float) -> tuple[list[Prior], NDArray[np.float64]]:
         for week in WEEKS
         for evidence in EVIDENCE
         for life in HALF_LIVES
+        if n_cells <= FEW_CELLS or (evidence <= DEAR_EVIDENCE and week != "days")
     }
     return list(belief), np.array(list(belief.values()))
 
@@ -83,7 +86,7 @@ class Blend:
 def blend(task: Task) -> Blend:
     """Every prior of the grid fitted to every trial, and the best of them averaged."""
     design = waves.design(folding.slot_offset_s(task.base))
-    priors, belief = grid(task.base.interval_s)
+    priors, belief = grid(task.base.interval_s, task.history.n_cells)
     beta = _fits(task, priors, design)
     loss = np.array([losses(_logistic(each @ design.T), task.truth).sum() for each in beta])
     chosen, weight = _weights(trust(task) * loss, belief, task.history.n_cells)
@@ -115,7 +118,7 @@ def _weights(
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """The members, most probable first, and their weights, rounded so that they read well; sum 1."""
     log_weight = belief - loss
-    most = MEMBERS[0] if n_cells <= FEW_CELLS else MEMBERS[1]
+    most = MEMBERS[n_cells > FEW_CELLS]
     order = np.argsort(-log_weight, kind="stable")[:most]
     weight = np.exp(log_weight[order] - log_weight[order[0]])
     weight = np.round(weight / weight.sum(), 3)

@@ -15,6 +15,7 @@ from app.spectral.spectrum import Spectrum, compact, static
 from app.spectral.timebase import TimeBase
 
 BLOCK = 64
+FEW = 4
 REFIT_BELOW = 16
 """With fewer waves than this the kept ones are fitted again without the others."""
 
@@ -101,7 +102,12 @@ def blend_fits(
 
 
 def kinds(priors: Sequence[Prior]) -> list[list[int]]:
-    """The places of the priors that have the same penalties: they differ in evidence, half-life and weight alone."""
+    """The places of the priors that have the same penalties: they differ in evidence, half-life and weight alone.
+
+    Of FEW priors each is a kind of its own, for a fit that begins where a similar one ended is soon done.
+    """
+    if len(priors) <= FEW:
+        return [[i] for i in range(len(priors))]
     found: dict[tuple[str, str], list[int]] = {}
     for i, prior in enumerate(priors):
         found.setdefault((prior.week, prior.detail), []).append(i)
