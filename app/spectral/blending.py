@@ -18,16 +18,18 @@ from app.spectral.ascent import fit_rows
 from app.spectral.calendar import fit_calendar, kept_columns, kinds
 from app.spectral.folding import Weeks
 from app.spectral.periods import find_period
-from app.spectral.recipe import Prior, Recipe, Week
-from app.spectral.trials import Task, losses
+from app.spectral.recipe import Detail, Prior, Recipe, Week
+from app.spectral.trials import SHORT_DAYS, Task, losses
 
-TRUST = 0.025
+TRUST = 0.04
 """What a nat of log loss counts where neighbouring visits are a quarter of an hour apart or less."""
+TRUST_SHORT = 0.025
+"""Days left out of one week are more like their neighbours than days to come will be."""
 FEW_CELLS = 4
 MEMBERS = (60, 2)
 """Priors averaged at most: where few cells decide, all of some weight, and where many do and cost counts."""
 DEAR_EVIDENCE = 1.0
-"""More evidence, and weekdays that differ much, take more steps to fit: for few cells only."""
+"""More evidence, sharp edges and weekdays that differ much take more steps to fit: for few cells only."""
 LEAST_WEIGHT = 0.002
 PERIOD_BELIEF = 2.0
 """What a period has to be better by, as a logarithm, for it was found on the days it is tried on."""
@@ -35,6 +37,9 @@ MARGINS = (1.0, 1.002)
 """A higher order has to lower the log loss by this factor: of few cells it costs nothing."""
 
 WEEKS: dict[Week, float] = {"day": 0.0, "weekend": 0.0, "week": 0.5, "days": 0.0}
+DETAILS: dict[Detail, float] = {"smooth": 0.0, "sharp": -1.0}
+SHARP_EVIDENCE = 1.0
+"""Sharp edges that differ by weekday are seen with much evidence only, and where weekdays come twice."""
 EVIDENCE = (16.0, 4.0, 1.0, 0.25, 0.0625)
 EVIDENCE_SLOPE = (-0.14, 0.33)
 """Belief in more evidence, for every factor e: where visits are close, and what is added for every factor e of
@@ -42,15 +47,22 @@ their distance."""
 HALF_LIVES = (math.inf, 28.0, 7.0)
 
 
-def grid(interval_s: float, n_cells: int) -> tuple[list[Prior], NDArray[np.float64]]:
+def grid(interval_s: float, n_cells: int, n_days: int) -> tuple[list[Prior], NDArray[np.float64]]:
     """The priors tried and the logarithms of what is believed of each."""
     slope = EVIDENCE_SLOPE[0] + EVIDENCE_SLOPE[1] * math.log(_spacing(interval_s))
-    belief = {
-        Prior(week, "smooth", evidence, life): WEEKS[week] + slope * math.log(evidence)
+    tried = [
+        (week, detail, evidence)
         for week in WEEKS
+        for detail in DETAILS
         for evidence in EVIDENCE
+        if detail == "smooth" or (n_days >= SHORT_DAYS and evidence >= SHARP_EVIDENCE and week in ("week", "days"))
+    ]
+    if n_cells > FEW_CELLS:
+        tried = [each for each in tried if each[0] != "days" and each[1] == "smooth" and each[2] <= DEAR_EVIDENCE]
+    belief = {
+        Prior(week, detail, evidence, life): WEEKS[week] + DETAILS[detail] + slope * math.log(evidence)
+        for week, detail, evidence in tried
         for life in HALF_LIVES
-        if n_cells <= FEW_CELLS or (evidence <= DEAR_EVIDENCE and week != "days")
     }
     return list(belief), np.array(list(belief.values()))
 
@@ -86,7 +98,7 @@ class Blend:
 def blend(task: Task) -> Blend:
     """Every prior of the grid fitted to every trial, and the best of them averaged."""
     design = waves.design(folding.slot_offset_s(task.base))
-    priors, belief = grid(task.base.interval_s, task.history.n_cells)
+    priors, belief = grid(task.base.interval_s, task.history.n_cells, task.visits.n_days)
     beta = _fits(task, priors, design)
     loss = np.array([losses(_logistic(each @ design.T), task.truth).sum() for each in beta])
     chosen, weight = _weights(trust(task) * loss, belief, task.history.n_cells)
@@ -110,7 +122,8 @@ def _with_period(task: Task, mixed: Blend) -> Blend:
 
 def trust(task: Task) -> float:
     """What a nat of log loss summed over the trials of all cells counts; cells repeat each other too."""
-    return TRUST * math.sqrt(_spacing(task.base.interval_s) / task.history.n_cells)
+    alone = TRUST_SHORT if task.visits.n_days < SHORT_DAYS else TRUST
+    return alone * math.sqrt(_spacing(task.base.interval_s) / task.history.n_cells)
 
 
 def _weights(

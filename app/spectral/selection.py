@@ -83,7 +83,7 @@ def choose(
         return _without(estimator, orders, time_zone, few)
     recent = folding.recent(history, base)
     recent = recent.window(max(recent.start, recent.stop - MAX_SAMPLES), recent.stop)
-    changing = _changing(recent, max_cells, time_zone, base.interval_s)
+    changing = _changing(recent, max_cells, time_zone, base)
     if not changing.size:
         return _without(estimator, orders, time_zone, "no cell has changed")
     most = MOST_TRIALS if changing.size <= FEW_CELLS else MOST_TRIALS // 2
@@ -108,13 +108,14 @@ def _without(
     return Selection(estimator, order, table, reason, cells, time_zone or "UTC")
 
 
-def _changing(history: History, most: int, time_zone: str | None, interval_s: float) -> NDArray[np.int64]:
+def _changing(history: History, most: int, time_zone: str | None, base: TimeBase) -> NDArray[np.int64]:
     """Cells that changed, evenly spread, as many as the cost allows; of many never so few that they pass for few."""
     occupied, observed = history.count_occupied(), history.count_observed()
     changing = np.flatnonzero((occupied > 0) & (occupied < observed))
     most = min(most, MAX_SAMPLES // history.n_samples)
     if time_zone is not None:
-        fits = len(grid(interval_s, changing.size)[0]) * MOST_TRIALS
+        days = math.ceil(history.n_samples * base.interval_s / DAY_S)
+        fits = len(grid(base.interval_s, changing.size, days)[0]) * MOST_TRIALS
         most = min(most, 2 * MAX_FITS // fits)
     most = max(most, min(FEW_CELLS + 1, changing.size))
     return changing if changing.size <= most else changing[np.arange(most) * changing.size // most]
