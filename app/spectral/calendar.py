@@ -15,7 +15,7 @@ from app.spectral.spectrum import Spectrum, compact, static
 from app.spectral.timebase import TimeBase
 
 BLOCK = 64
-FEW = 4
+FEW_PRIORS = 4
 REFIT_BELOW = 16
 """With fewer waves than this the kept ones are fitted again without the others."""
 
@@ -104,9 +104,9 @@ def blend_fits(
 def kinds(priors: Sequence[Prior]) -> list[list[int]]:
     """The places of the priors that have the same penalties: they differ in evidence, half-life and weight alone.
 
-    Of FEW priors each is a kind of its own, for a fit that begins where a similar one ended is soon done.
+    Of FEW_PRIORS each is a kind of its own, for a fit that begins where a similar one ended is soon done.
     """
-    if len(priors) <= FEW:
+    if len(priors) <= FEW_PRIORS:
         return [[i] for i in range(len(priors))]
     found: dict[tuple[str, str], list[int]] = {}
     for i, prior in enumerate(priors):
