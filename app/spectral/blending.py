@@ -15,47 +15,61 @@ from numpy.typing import NDArray
 
 from app.spectral import folding, waves
 from app.spectral.ascent import fit_rows
-from app.spectral.calendar import fit_calendar, kept_columns
+from app.spectral.calendar import fit_calendar, kept_columns, kinds
 from app.spectral.folding import Weeks
 from app.spectral.periods import find_period
 from app.spectral.recipe import Detail, Prior, Recipe, Week
 from app.spectral.trials import SHORT_DAYS, Task, losses
 
-TRUST = 0.1
+TRUST = 0.04
+"""What a nat of log loss counts where neighbouring visits are a quarter of an hour apart or less."""
 TRUST_SHORT = 0.025
-BELIEF_SHORT = 2.0
-"""Days left out of one week are more like their neighbours than days to come will be: less trust, more belief."""
+"""Days left out of one week are more like their neighbours than days to come will be."""
 FEW_CELLS = 4
-MEMBERS = (8, 3)
-"""Priors averaged where few cells decide, and where many do and cost counts."""
+MEMBERS = (60, 2)
+"""Priors averaged at most: where few cells decide, all of some weight, and where many do and cost counts."""
+DEAR_EVIDENCE = 1.0
+"""More evidence, sharp edges and weekdays that differ much take more steps to fit: for few cells only."""
+LEAST_WEIGHT = 0.002
 PERIOD_BELIEF = 2.0
 """What a period has to be better by, as a logarithm, for it was found on the days it is tried on."""
-MARGIN = 1.002
-"""A higher order has to lower the log loss by this factor."""
+MARGINS = (1.0, 1.002)
+"""A higher order has to lower the log loss by this factor: of few cells it costs nothing."""
 
-WEEKS: dict[Week, float] = {"day": 0.0, "weekend": 0.0, "week": 0.0, "days": -1.0}
+WEEKS: dict[Week, float] = {"day": 0.0, "weekend": 0.0, "week": 0.5, "days": 0.0}
 DETAILS: dict[Detail, float] = {"smooth": 0.0, "sharp": -1.0}
-EVIDENCE = {4.0: -1.5, 1.0: -0.5, 0.25: 0.0, 0.0625: -0.5, 0.015625: -1.0}
-HALF_LIVES = {math.inf: 0.0, 28.0: 0.0, 7.0: -1.5}
+SHARP_EVIDENCE = 1.0
+"""Sharp edges that differ by weekday are seen with much evidence only, and where weekdays come twice."""
+EVIDENCE = (16.0, 4.0, 1.0, 0.25, 0.0625)
+EVIDENCE_SLOPE = (-0.14, 0.33)
+"""Belief in more evidence, for every factor e: where visits are close, and what is added for every factor e of
+their distance."""
+HALF_LIVES = (math.inf, 28.0, 7.0)
 
 
-def grid(n_days: int) -> tuple[list[Prior], NDArray[np.float64]]:
-    """The priors tried and the logarithms of what is believed of each.
-
-    Recency, and weekdays that differ much, only where days of the same name can be compared.
-    """
-    short = n_days < SHORT_DAYS
-    lives = {math.inf: 0.0} if short else HALF_LIVES
-    belief = {
-        Prior(week, detail, evidence, life): WEEKS[week] + DETAILS[detail] + EVIDENCE[evidence] + lives[life]
+def grid(interval_s: float, n_cells: int, n_days: int) -> tuple[list[Prior], NDArray[np.float64]]:
+    """The priors tried and the logarithms of what is believed of each."""
+    slope = EVIDENCE_SLOPE[0] + EVIDENCE_SLOPE[1] * math.log(_spacing(interval_s))
+    tried = [
+        (week, detail, evidence)
         for week in WEEKS
         for detail in DETAILS
         for evidence in EVIDENCE
-        for life in lives
-        if (detail == "smooth" or evidence >= 0.25) and (week != "days" or not short)
+        if detail == "smooth" or (n_days >= SHORT_DAYS and evidence >= SHARP_EVIDENCE and week in ("week", "days"))
+    ]
+    if n_cells > FEW_CELLS:
+        tried = [each for each in tried if each[0] != "days" and each[1] == "smooth" and each[2] <= DEAR_EVIDENCE]
+    belief = {
+        Prior(week, detail, evidence, life): WEEKS[week] + DETAILS[detail] + slope * math.log(evidence)
+        for week, detail, evidence in tried
+        for life in HALF_LIVES
     }
-    strength = BELIEF_SHORT if short else 1.0
-    return list(belief), strength * np.array(list(belief.values()))
+    return list(belief), np.array(list(belief.values()))
+
+
+def _spacing(interval_s: float) -> float:
+    """How far visits are apart, in slots."""
+    return max(1.0, interval_s / waves.SLOT_S)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +98,7 @@ class Blend:
 def blend(task: Task) -> Blend:
     """Every prior of the grid fitted to every trial, and the best of them averaged."""
     design = waves.design(folding.slot_offset_s(task.base))
-    priors, belief = grid(task.visits.n_days)
+    priors, belief = grid(task.base.interval_s, task.history.n_cells, task.visits.n_days)
     beta = _fits(task, priors, design)
     loss = np.array([losses(_logistic(each @ design.T), task.truth).sum() for each in beta])
     chosen, weight = _weights(trust(task) * loss, belief, task.history.n_cells)
@@ -109,7 +123,7 @@ def _with_period(task: Task, mixed: Blend) -> Blend:
 def trust(task: Task) -> float:
     """What a nat of log loss summed over the trials of all cells counts; cells repeat each other too."""
     alone = TRUST_SHORT if task.visits.n_days < SHORT_DAYS else TRUST
-    return alone / math.sqrt(task.history.n_cells)
+    return alone * math.sqrt(_spacing(task.base.interval_s) / task.history.n_cells)
 
 
 def _weights(
@@ -117,11 +131,11 @@ def _weights(
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """The members, most probable first, and their weights, rounded so that they read well; sum 1."""
     log_weight = belief - loss
-    most = MEMBERS[0] if n_cells <= FEW_CELLS else MEMBERS[1]
+    most = MEMBERS[n_cells > FEW_CELLS]
     order = np.argsort(-log_weight, kind="stable")[:most]
     weight = np.exp(log_weight[order] - log_weight[order[0]])
     weight = np.round(weight / weight.sum(), 3)
-    kept = weight > 0
+    kept = weight >= LEAST_WEIGHT
     return order[kept], weight[kept] / weight[kept].sum()
 
 
@@ -131,8 +145,7 @@ def _fits(task: Task, priors: Sequence[Prior], design: NDArray[np.float32]) -> N
     lives = sorted({prior.half_life_days for prior in priors})
     past = _past(task, lives)
     beta = np.empty((len(priors), *shape, design.shape[1]), np.float32)
-    for week, detail in dict.fromkeys((prior.week, prior.detail) for prior in priors):
-        alike = [i for i, prior in enumerate(priors) if (prior.week, prior.detail) == (week, detail)]
+    for alike in kinds(priors):
         life = [lives.index(priors[i].half_life_days) for i in alike]
         seen, full = (each[life].reshape(-1, design.shape[0]) for each in (past.seen, past.full))
         evidence = np.repeat([np.float32(priors[i].evidence) for i in alike], shape[0] * shape[1])

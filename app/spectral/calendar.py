@@ -1,5 +1,6 @@
 """The `calendar` estimator: p(t) on the logit scale as waves of the civil day and week."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from app.spectral.spectrum import Spectrum, compact, static
 from app.spectral.timebase import TimeBase
 
 BLOCK = 64
+FEW_PRIORS = 4
 REFIT_BELOW = 16
 """With fewer waves than this the kept ones are fitted again without the others."""
 
@@ -80,15 +82,36 @@ def blend_fits(
     priors: tuple[Prior, ...],
     kept: NDArray[np.float32] | None,
 ) -> NDArray[np.float32]:
-    """The average of the fits under every prior, of the kept columns only."""
-    whole = sum(prior.weight for prior in priors)
-    total, beta = np.zeros((), np.float32), None
-    for prior in priors:
-        seen, full = by_life[prior.half_life_days]
-        evidence = np.full(seen.shape[0], prior.evidence, np.float32)
-        beta = fit_rows(design, seen, full, evidence, waves.penalties(prior, design.shape[0] > waves.SLOTS), kept, beta)
-        total = total + np.float32(prior.weight / whole) * beta
-    return total
+    """The average of the fits under every prior, of the kept columns only.
+
+    Priors of a kind are fitted together, and each kind begins where the average of those before it is.
+    """
+    n_cells = next(iter(by_life.values()))[0].shape[0]
+    total, whole, start = np.zeros((n_cells, design.shape[1]), np.float32), 0.0, None
+    for alike in kinds(priors):
+        seen, full = (np.concatenate([by_life[priors[i].half_life_days][side] for i in alike]) for side in (0, 1))
+        evidence = np.repeat([np.float32(priors[i].evidence) for i in alike], n_cells)
+        penalty = waves.penalties(priors[alike[0]], design.shape[0] > waves.SLOTS)
+        allowed, begin = (None if each is None else np.tile(each, (len(alike), 1)) for each in (kept, start))
+        found = fit_rows(design, seen, full, evidence, penalty, allowed, begin).reshape(len(alike), n_cells, -1)
+        for i, beta in zip(alike, found, strict=True):
+            total += np.float32(priors[i].weight) * beta
+            whole += priors[i].weight
+        start = total / np.float32(whole)
+    return total / np.float32(whole)
+
+
+def kinds(priors: Sequence[Prior]) -> list[list[int]]:
+    """The places of the priors that have the same penalties: they differ in evidence, half-life and weight alone.
+
+    Of FEW_PRIORS each is a kind of its own, for a fit that begins where a similar one ended is soon done.
+    """
+    if len(priors) <= FEW_PRIORS:
+        return [[i] for i in range(len(priors))]
+    found: dict[tuple[str, str], list[int]] = {}
+    for i, prior in enumerate(priors):
+        found.setdefault((prior.week, prior.detail), []).append(i)
+    return list(found.values())
 
 
 def _means(n_observed: NDArray[np.int64], n_occupied: NDArray[np.int64], base: TimeBase) -> NDArray[np.float32]:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.spectral import folding, trials
-from app.spectral.blending import FEW_CELLS, MARGIN, Blend, blend, grid, trust
+from app.spectral.blending import FEW_CELLS, MARGINS, Blend, blend, grid, trust
 from app.spectral.estimators import fit
 from app.spectral.evaluation import Scores
 from app.spectral.history import History
@@ -25,6 +25,9 @@ MAX_SAMPLES = 1 << 22
 MAX_FITS = 1 << 13
 """Fits of `calendar` over all trials, priors and cells: with MAX_SAMPLES what bounds the cost."""
 CALENDAR_ORDERS = (16, 32, 64)
+SIMPLER = -4.0
+"""Belief in `static` and `fft`, as a logarithm: `calendar` averages settings of hardly a rhythm, too, and what beats
+it in a few trials seldom does so afterwards."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +83,7 @@ def choose(
         return _without(estimator, orders, time_zone, few)
     recent = folding.recent(history, base)
     recent = recent.window(max(recent.start, recent.stop - MAX_SAMPLES), recent.stop)
-    changing = _changing(recent, max_cells, time_zone, days)
+    changing = _changing(recent, max_cells, time_zone, base)
     if not changing.size:
         return _without(estimator, orders, time_zone, "no cell has changed")
     most = MOST_TRIALS if changing.size <= FEW_CELLS else MOST_TRIALS // 2
@@ -105,15 +108,16 @@ def _without(
     return Selection(estimator, order, table, reason, cells, time_zone or "UTC")
 
 
-def _changing(history: History, most: int, time_zone: str | None, days: int) -> NDArray[np.int64]:
-    """Cells that changed, evenly spread, as many as the cost allows."""
+def _changing(history: History, most: int, time_zone: str | None, base: TimeBase) -> NDArray[np.int64]:
+    """Cells that changed, evenly spread, as many as the cost allows; of many never so few that they pass for few."""
     occupied, observed = history.count_occupied(), history.count_observed()
     changing = np.flatnonzero((occupied > 0) & (occupied < observed))
     most = min(most, MAX_SAMPLES // history.n_samples)
     if time_zone is not None:
-        fits = len(grid(days)[0]) * MOST_TRIALS
-        most = min(most, max(FEW_CELLS, 2 * MAX_FITS // fits))
-    most = max(1, most)
+        days = math.ceil(history.n_samples * base.interval_s / DAY_S)
+        fits = len(grid(base.interval_s, changing.size, days)[0]) * MOST_TRIALS
+        most = min(most, 2 * MAX_FITS // fits)
+    most = max(most, min(FEW_CELLS + 1, changing.size))
     return changing if changing.size <= most else changing[np.arange(most) * changing.size // most]
 
 
@@ -163,7 +167,8 @@ def _decide(
         return _without(estimator, orders, time_zone, none, table, n_cells)
     best = max(scored, key=lambda row: _belief(row) - trust(task) * row.log_loss * row.n)
     if best.estimator == "calendar":
-        close = [row for row in scored if row.estimator == "calendar" and row.log_loss <= MARGIN * best.log_loss]
+        worst = MARGINS[n_cells > FEW_CELLS] * best.log_loss
+        close = [row for row in scored if row.estimator == "calendar" and row.log_loss <= worst]
         best = min(close, key=lambda row: row.order)
     found = Selection(best.estimator, best.order, table, _reason(best, len(table), task), n_cells, time_zone or "UTC")
     if mixed is None or best.estimator != "calendar":
@@ -173,8 +178,8 @@ def _decide(
 
 
 def _belief(row: Row) -> float:
-    """What is believed of a candidate beforehand, as a logarithm: of equal ones the simpler."""
-    return -1.0 - row.order / 8 if row.estimator == "fft" else 0.0
+    """What is believed of a candidate beforehand, as a logarithm; of `fft` less with every order."""
+    return 0.0 if row.estimator == "calendar" else SIMPLER - row.order / 8
 
 
 def _reason(best: Row, n_candidates: int, task: Task) -> str:

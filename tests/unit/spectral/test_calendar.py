@@ -89,7 +89,7 @@ def test_the_ascent_finds_the_maximum(prior: Prior) -> None:
         best = newton(design.astype(np.float64), seen, full, prior, centre)
         p, truth = (1 / (1 + np.exp(-(design @ beta))) for beta in (found[row], best))
         assert np.abs(p - truth).max() < 0.02
-        assert np.abs(p - truth).mean() < 0.004
+        assert np.abs(p - truth).mean() < 0.002
 
 
 @pytest.mark.parametrize("interval_s", [60.0, 300.0, 900.0])
@@ -220,7 +220,7 @@ def test_orders_are_honoured() -> None:
         assert spectrum.order <= order
         assert components(spectrum, 1).amplitude.size <= order
         loss[order] = score(predict_times(spectrum, ahead)[:3], working_hours(22).states()[:3, -7 * DAY :]).log_loss
-    assert loss[0] > loss[1] > loss[2] > 1.1 * loss[8]
+    assert loss[0] > loss[1] > loss[2] > 1.15 * loss[8]
     cut = truncate(fit_recipe(history, replace(WHOLE, order=64), BASE), 2)
     short = score(predict_times(cut, ahead)[:3], working_hours(22).states()[:3, -7 * DAY :]).log_loss
     assert loss[2] <= short, "fitted at an order is no worse than cut to it"

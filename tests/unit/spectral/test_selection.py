@@ -78,7 +78,7 @@ def test_auto_follows_a_change_of_regime() -> None:
     history = History.from_states(states).window(0, 56 * DAY)
     chosen, p = chosen_and_predicted(history, BASE, LONDON, np.arange(56 * DAY, 63 * DAY))
     assert min(prior.half_life_days for prior in chosen.priors) == 7
-    assert score(p, states[:, 56 * DAY :]).log_loss < 0.6
+    assert score(p, states[:, 56 * DAY :]).log_loss < 0.5
 
 
 def test_what_is_asked_for_is_kept() -> None:
