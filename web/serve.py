@@ -18,6 +18,7 @@ from app.demo.seed import seed
 from app.services.context import Context
 from app.services.keys import create_key, delete_key, is_open
 from app.spectral.warm import warm
+from web.memory import give_back_freed
 from web.site import open_site
 
 log = logging.getLogger(__name__)
@@ -50,6 +51,7 @@ class _Server(uvicorn.Server):
 def serve(ctx: Context, options: Options) -> int:
     """Serve until told to stop; 0 when that went well."""
     settings = ctx.settings
+    give_back_freed()
     sys.setswitchinterval(SWITCH_S)
     warm()
     with ExitStack() as stack:

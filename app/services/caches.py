@@ -40,6 +40,12 @@ class ByteCache(Generic[Value]):
             self._entries.move_to_end(key)
             return entry.value
 
+    def latest(self, key: Hashable) -> tuple[Hashable, Value] | None:
+        """The version of `key` that is held, and its value."""
+        with self._lock:
+            entry = self._entries.get(key)
+            return None if entry is None else (entry.version, entry.value)
+
     def drop(self, condition: Callable[[Hashable], bool]) -> None:
         """Forget the values whose key meets the condition."""
         with self._lock:

@@ -11,8 +11,8 @@ from app.services.caches import ByteCache
 from app.services.damage import Damage
 from app.settings import Settings
 from app.spectral.history import History
-from app.spectral.measurements import Measurements
 from app.spectral.spectrum import Spectrum
+from app.storage.observations import Tail
 from app.storage.store import Store
 
 
@@ -33,7 +33,7 @@ class Context:
     bus: Bus
     spectra: ByteCache[Loaded]
     histories: ByteCache[History]
-    tails: ByteCache[Measurements]
+    tails: ByteCache[Tail]
     damage: Damage
     clock: Callable[[], float]
 
@@ -49,12 +49,17 @@ def open_context(settings: Settings, clock: Callable[[], float] = time.time) -> 
             Bus(),
             ByteCache(settings.spectrum_cache_bytes, lambda value: spectrum_bytes(value.spectrum)),
             ByteCache(settings.history_cache_bytes, lambda value: value.observed.nbytes + value.occupied.nbytes),
-            ByteCache(settings.history_cache_bytes // 4, lambda value: 13 * len(value)),
+            ByteCache(settings.history_cache_bytes // 2, tail_bytes),
             Damage(),
             clock,
         )
     finally:
         store.close()
+
+
+def tail_bytes(tail: Tail) -> int:
+    """Memory of the measurements of a log's tail."""
+    return sum(13 * len(part) for _, part in tail.parts)
 
 
 def spectrum_bytes(spectrum: Spectrum) -> int:

@@ -1,8 +1,9 @@
 """The history of locations: reading it (compacted segments and the log's tail together) and compacting the log."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +20,8 @@ from app.storage.work import Work
 
 COMPACT_MEASUREMENTS = 2_000_000
 """Measurements that one round of compaction takes from the log: what bounds its memory."""
-HELD_MEASUREMENTS = 1_000_000
-"""Measurements of a tail that is unpacked as a whole, and kept for the other chunks."""
+HELD_MEASUREMENTS = 8_000_000
+"""Measurements of a tail that is unpacked as a whole, and kept for other chunks and for what comes in later."""
 CHUNK_BITS = 1 << 27
 """Cells times samples of a chunk that are held at once: one measurement of 1970 must not fill the memory."""
 
@@ -43,10 +44,27 @@ def read_history(ctx: Context, place: LocationRecord, chunk: int, start: int, st
     """What was observed in one chunk until now over samples [start, stop), held where the location says so."""
     with ctx.store.read() as work:
         place = work.locations.by_id(place.id)
-        held = place.hold_samples
-        history = _stored(ctx, work, place, chunk, start - (held or 0), stop)
-    if held is not None:
-        history = history.window(history.start, max(history.stop, stop)).hold(held)
+        history = _stored(ctx, work, place, chunk, start - (place.hold_samples or 0), stop)
+    return _held(place, history, start, stop)
+
+
+def read_compacted(ctx: Context, place: LocationRecord, chunk: int, start: int, stop: int) -> History:
+    """The same of what is compacted alone, which nobody's posts change meanwhile; nothing of it is kept for others."""
+    with ctx.store.read() as work:
+        place = work.locations.by_id(place.id)
+        settled = replace(place, observation_seq=place.compacted_seq)
+        try:
+            history = _whole(ctx, work, settled, chunk, start - (place.hold_samples or 0), stop)
+        except CorruptChunkError as error:
+            ctx.damage.found(place.id, error)
+            raise
+    return _held(place, history, start, stop)
+
+
+def _held(place: LocationRecord, history: History, start: int, stop: int) -> History:
+    """Samples [start, stop), a state held until the next measurement where the location says so."""
+    if place.hold_samples is not None:
+        history = history.window(history.start, max(history.stop, stop)).hold(place.hold_samples)
     return history.window(start, stop)
 
 
@@ -97,19 +115,33 @@ def _read_known(ctx: Context, place: LocationRecord, chunk: int, start: int, sto
 
 
 def _stored(ctx: Context, work: Work, place: LocationRecord, chunk: int, start: int, stop: int) -> History:
-    """At least [start, stop), in whole segments, but never further than the measurements reach."""
-    known_start, known_stop = span(place)
-    start, stop = max(start, known_start), min(stop, known_stop)
-    if stop <= start:
-        return History.empty(place.chunk_size(chunk), start, 0)
-    first, last = start // SEGMENT_SAMPLES, (stop - 1) // SEGMENT_SAMPLES
+    """As `_whole`, kept for the next that asks."""
+    first, last = _segments(place, start, stop)
+    if last < first:
+        return _whole(ctx, work, place, chunk, start, stop)
     version = (place.compacted_seq, place.observation_seq)
-    load = partial(_assemble, ctx, work, place, chunk, first, last)
+    load = partial(_whole, ctx, work, place, chunk, start, stop)
     try:
         return ctx.histories.get((place.id, chunk, first, last), version, load)
     except CorruptChunkError as error:
         ctx.damage.found(place.id, error)
         raise
+
+
+def _whole(ctx: Context, work: Work, place: LocationRecord, chunk: int, start: int, stop: int) -> History:
+    """At least [start, stop), in whole segments, but never further than the measurements reach."""
+    first, last = _segments(place, start, stop)
+    if last < first:
+        return History.empty(place.chunk_size(chunk), max(start, span(place)[0]), 0)
+    return _assemble(ctx, work, place, chunk, first, last)
+
+
+def _segments(place: LocationRecord, start: int, stop: int) -> tuple[int, int]:
+    """The first and the last segment with measurements of samples [start, stop); without any the last is before it."""
+    known_start, known_stop = span(place)
+    start, stop = max(start, known_start), min(stop, known_stop)
+    first = start // SEGMENT_SAMPLES
+    return first, (stop - 1) // SEGMENT_SAMPLES if stop > start else first - 1
 
 
 def _assemble(ctx: Context, work: Work, place: LocationRecord, chunk: int, first: int, last: int) -> History:
@@ -129,23 +161,40 @@ def _assemble(ctx: Context, work: Work, place: LocationRecord, chunk: int, first
 def _tail(ctx: Context, work: Work, place: LocationRecord, chunk: int) -> Measurements:
     """What is not compacted yet of one chunk, its cells counted from its first."""
     version = (place.compacted_seq, place.observation_seq)
-    whole = ctx.tails.held(place.id, version)
-    if whole is None and work.observations.pending(place) <= HELD_MEASUREMENTS:
-        whole = ctx.tails.get(place.id, version, lambda: _readable(ctx, place, work.observations.tail(place)))
-    if whole is not None:
-        return _of_chunk(whole, chunk)
-    # While robots post, a long tail is another one at every question: no more of it is kept than is asked for.
-    cells = np.array([chunk, chunk + 1]) * CHUNK_CELLS
-    tail = work.observations.tail(
-        place, choose=lambda part: part.select((part.cell >= cells[0]) & (part.cell < cells[1]))
-    )
-    return _of_chunk(_readable(ctx, place, tail), chunk)
+    tail = ctx.tails.held(place.id, version)
+    if tail is None and work.observations.pending(place) <= HELD_MEASUREMENTS:
+        tail = ctx.tails.get(place.id, version, lambda: _read_on(ctx, work, place))
+    if tail is None:
+        # While robots post, a long tail is another one at every question: no more of it is kept than is asked for.
+        cells = np.array([chunk, chunk + 1]) * CHUNK_CELLS
+        tail = work.observations.tail(
+            place, choose=lambda part: part.select((part.cell >= cells[0]) & (part.cell < cells[1]))
+        )
+        _tell(ctx, place, tail)
+    return Measurements.concatenate([_of_chunk(part, chunk) for _, part in tail.parts])
+
+
+def _read_on(ctx: Context, work: Work, place: LocationRecord) -> Tail:
+    """The whole tail, every part sorted by chunk: what is kept of an earlier one, and what has come in since."""
+    known, since = ctx.tails.latest(place.id), place.compacted_seq
+    parts: list[tuple[int, Measurements]] = []
+    if known is not None:
+        (compacted, through), before = cast(tuple[int, int], known[0]), known[1]
+        if compacted <= place.compacted_seq <= through <= place.observation_seq:
+            parts, since = [each for each in before.parts if each[0] > place.compacted_seq], through
+    new = work.observations.tail(replace(place, compacted_seq=since), choose=lambda part: _by_chunk([part]))
+    _tell(ctx, place, new)
+    return Tail(parts + new.parts, new.damage)
+
+
+def _tell(ctx: Context, place: LocationRecord, tail: Tail) -> None:
+    for error in tail.damage.values():
+        ctx.damage.found(place.id, error)
 
 
 def _readable(ctx: Context, place: LocationRecord, tail: Tail) -> Measurements:
     """What can be read of a part of the log, chunk by chunk; what cannot is told of."""
-    for error in tail.damage.values():
-        ctx.damage.found(place.id, error)
+    _tell(ctx, place, tail)
     return _by_chunk([part for _, part in tail.parts])
 
 
@@ -200,22 +249,28 @@ def _compact_some(ctx: Context, location_id: int, target: int) -> bool:
         if place.compacted_seq >= target:
             return False
         tail = work.observations.tail(place, COMPACT_MEASUREMENTS)
-        merged = dict(_merge_all(ctx, work, place, _readable(ctx, place, tail)))
+    # A compaction that is overtaken stores nothing, so no transaction is held for its length.
+    merged = dict(_merge_all(ctx, place, _readable(ctx, place, tail)))
     ctx.store.write(lambda work: work.observations.compact(place, tail.through, merged, tail.damage))
     return True
 
 
-def _merge_all(
-    ctx: Context, work: Work, place: LocationRecord, measurements: Measurements
-) -> Iterator[tuple[SegmentKey, bytes]]:
+def _merge_all(ctx: Context, place: LocationRecord, measurements: Measurements) -> Iterator[tuple[SegmentKey, bytes]]:
     """The segments that the measurements (sorted by chunk) change, packed; one at a time is held unpacked."""
     for chunk in np.unique(measurements.cell // np.uint32(CHUNK_CELLS)).tolist():
         for number, new in _by_segment(place, _of_chunk(measurements, chunk)):
-            try:
-                key, before = (chunk, number), work.observations.segments(place, chunk, number, number).get(number)
-            except CorruptChunkError as error:
-                # Its bytes stay as they are, for whoever can mend them; what is new is kept beside them.
-                ctx.damage.found(place.id, error)
-                key, before = (-1 - chunk, number), work.observations.put_aside(place, chunk, number)
+            with ctx.store.read() as work:
+                key, before = _before(ctx, work, place, (chunk, number))
             segment = before or Segment.empty(place.chunk_size(chunk), number)
             yield key, pack_segment(merge(segment, new, place.base))
+
+
+def _before(ctx: Context, work: Work, place: LocationRecord, key: SegmentKey) -> tuple[SegmentKey, Segment | None]:
+    """What is stored of a segment, and where; of a damaged one what was put aside for it."""
+    chunk, number = key
+    try:
+        return key, work.observations.segments(place, chunk, number, number).get(number)
+    except CorruptChunkError as error:
+        # Its bytes stay as they are, for whoever can mend them; what is new is kept beside them.
+        ctx.damage.found(place.id, error)
+        return (-1 - chunk, number), work.observations.put_aside(place, chunk, number)

@@ -1,14 +1,14 @@
 """Update: refit spectrum and outliers of a location from its history (the paper's model update)."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
 from app.errors import CorruptChunkError, InvalidInputError
 from app.services.context import Context
-from app.services.history import compact, forget, read_history, window
+from app.services.history import compact, forget, read_compacted, window
 from app.spectral.history import History
 from app.spectral.model import refit
 from app.spectral.outliers import count
@@ -69,7 +69,7 @@ def run_update(
     compact(ctx, place)
     forget(ctx, place)
     progress(0.1)
-    plan = _plan(ctx, location_id, request)
+    plan = _plan(ctx, place, request)
     wrong = observed = 0
     damage: list[CorruptChunkError] = []
     for i, fit in enumerate(executor.map(lambda chunk: _update_chunk(ctx, plan, chunk), range(plan.place.n_chunks))):
@@ -88,9 +88,10 @@ def run_update(
     return record
 
 
-def _plan(ctx: Context, location_id: int, request: UpdateRequest) -> Plan:
+def _plan(ctx: Context, before: LocationRecord, request: UpdateRequest) -> Plan:
+    """The plan of an update of what had come in `before`; what came in since waits for the next."""
     with ctx.store.read() as work:
-        place = work.locations.by_id(location_id)
+        place = _limited(work.locations.by_id(before.id), before)
         number = work.spectra.next_number(place.id)
     history = window(ctx, place)
     asked = _asked_samples(place, history, request)
@@ -100,6 +101,19 @@ def _plan(ctx: Context, location_id: int, request: UpdateRequest) -> Plan:
         start, stop = fit_window(start, stop, place.interval_s)
     tried = selection if selection.reason else None
     return Plan(place, number, selection.recipe, start, stop, history, tried)
+
+
+def _limited(now: LocationRecord, before: LocationRecord) -> LocationRecord:
+    """The location as it is now, without what it has counted since."""
+    if now.first_time is None or now.last_time is None or before.first_time is None or before.last_time is None:
+        return replace(now, first_time=None, last_time=None)
+    return replace(
+        now,
+        observation_seq=before.observation_seq,
+        measurements=min(now.measurements, before.measurements),
+        first_time=max(now.first_time, before.first_time),
+        last_time=min(now.last_time, before.last_time),
+    )
 
 
 def _asked_samples(place: LocationRecord, history: tuple[int, int], request: UpdateRequest) -> tuple[int, int]:
@@ -133,7 +147,7 @@ def _sample_cells(ctx: Context, place: LocationRecord, samples: tuple[int, int])
     parts = [History.empty(0, samples[0], samples[1] - samples[0])]
     for chunk in np.linspace(0, place.n_chunks - 1, n_chunks).astype(int).tolist():
         try:
-            history = read_history(ctx, place, chunk, *samples)
+            history = read_compacted(ctx, place, chunk, *samples)
         except CorruptChunkError:
             continue
         occupied = history.count_occupied()
@@ -160,7 +174,7 @@ def _update_chunk(ctx: Context, plan: Plan, chunk: int) -> _Fit | CorruptChunkEr
     """Fit and store one chunk, unless its history is damaged."""
     place = plan.place
     try:
-        history = read_history(ctx, place, chunk, *plan.history)
+        history = read_compacted(ctx, place, chunk, *plan.history)
     except CorruptChunkError as error:
         return error.with_traceback(None)
     model = refit(history, plan.recipe, place.base, (plan.start, plan.stop))

@@ -203,6 +203,22 @@ def test_what_is_posted_during_an_update_belongs_to_the_next(ctx: Context) -> No
     assert (place.measurements, revision.measurements) == (13, 12)
 
 
+def test_a_post_between_the_compaction_and_the_plan_waits_for_the_next_update_too(ctx: Context) -> None:
+    make_lab(ctx)
+    posted: list[float] = []
+
+    def post(progress: float) -> None:
+        if not posted:
+            posted.append(progress)
+            post_rows(ctx, "lab", [(MINUTE * 9, 3000, 1)])
+
+    run_update(ctx, find_location(ctx, "lab").id, UpdateRequest(estimator="static"), Serial(), post)
+    _, revision = current_revision(ctx, "lab")
+    assert (revision.stop, revision.observation_seq, revision.measurements) == (4, 1, 12)
+    assert state_at(ctx, "lab", StateQuery(0.0)).probability.tolist() == [0.5, 0.5, 0.5]
+    assert history_of(ctx, "lab", 2, 9, 10).states()[3000 - 2048] == 1, "it is known all the same"
+
+
 def test_a_location_deleted_during_its_update_is_gone(ctx: Context) -> None:
     make_lab(ctx)
     with pytest.raises(TidemapError):

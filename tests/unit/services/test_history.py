@@ -1,0 +1,30 @@
+"""The history that questions read: what is compacted, and what has come in since."""
+
+import pytest
+
+from app.services.context import Context
+from app.spectral.measurements import Measurements
+from app.storage import observations
+from tests.support.contexts import compact_now, history_of, make_location, post_rows
+
+
+def test_of_a_growing_log_only_what_is_new_is_read(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    read: list[str] = []
+    unpack = observations.unpack_measurements
+
+    def unpack_and_note(payload: bytes, what: str) -> Measurements:
+        read.append(what.split()[1])
+        return unpack(payload, what)
+
+    monkeypatch.setattr(observations, "unpack_measurements", unpack_and_note)
+    make_location(ctx, "lab", (80, 40))
+    for minute in range(3):
+        post_rows(ctx, "lab", [(60.0 * minute, 7, minute % 2), (60.0 * minute, 3000, 1)])
+        assert history_of(ctx, "lab", 0, 0, 3).states()[7].tolist() == [0, 1, 0][: minute + 1] + [2] * (2 - minute)
+        assert history_of(ctx, "lab", 2, minute, minute + 1).states()[3000 - 2048] == 1
+    assert read == ["1", "2", "3"]
+    compact_now(ctx, "lab")
+    post_rows(ctx, "lab", [(60.0, 7, 0), (120.5, 7, 1)])
+    read.clear()
+    assert history_of(ctx, "lab", 0, 0, 3).states()[7].tolist() == [0, 1, 1]
+    assert read == ["4"]
