@@ -1,6 +1,7 @@
 """Serving the site with uvicorn until SIGTERM or SIGINT, and the demo beside it where asked."""
 
 import asyncio
+import gc
 import logging
 import signal
 import socket
@@ -70,6 +71,8 @@ def serve(ctx: Context, options: Options) -> int:
         for asked in (signal.SIGTERM, signal.SIGINT):
             # uvicorn raises the signal again once it has stopped; what is left to close here comes after that.
             signal.signal(asked, lambda *_: None)
+        # What has come so far stays: a collection need not look at it again.
+        gc.freeze()
         server.run([bound])
         return 0 if server.started else 1
 

@@ -2,16 +2,18 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from urllib.parse import urlsplit
 
 from fastapi import Request
+from starlette.concurrency import run_in_threadpool
 from starlette.requests import HTTPConnection
 
-from app.api.limits import Limits
+from app.api.limits import Limits, Senders
 from app.errors import ForbiddenError, OtherSiteError, UnauthorizedError
 from app.schemas.keys import Role
 from app.services.context import Context
-from app.services.keys import OPEN, Principal, allows, by_secret, by_session, is_open
+from app.services.keys import OPEN, Claim, Principal, allows, by_secret, by_session, digest_of, is_open
 from app.settings import Settings, is_loopback
 
 COOKIE = "tidemap_session"
@@ -27,10 +29,7 @@ def of_connection(connection: HTTPConnection) -> Principal:
     if isinstance(known, Principal):
         return known
     principal = _principal(connection)
-    if principal.key_id is not None:
-        _limits(connection).requests.take(f"key {principal.key_id}")
-    elif not is_loopback(_settings(connection).host):
-        _limits(connection).requests.take(_address(connection))
+    _count(connection, principal)
     connection.state.principal = principal
     return principal
 
@@ -40,11 +39,62 @@ def require(role: Role) -> Callable[[Request], Principal]:
 
     def check(request: Request) -> Principal:
         principal = of_connection(request)
-        if not allows(principal.role, role):
-            raise ForbiddenError(f"The key {principal.name!r} has role {principal.role}; this needs {role} or admin.")
+        _check_role(principal, role)
         return principal
 
     return check
+
+
+def _check_role(principal: Principal, role: Role) -> None:
+    if not allows(principal.role, role):
+        raise ForbiddenError(f"The key {principal.name!r} has role {principal.role}; this needs {role} or admin.")
+
+
+def _count(connection: HTTPConnection, principal: Principal) -> None:
+    """Count a request. Raises RateLimitError."""
+    if principal.key_id is not None:
+        _limits(connection).requests.take(f"key {principal.key_id}")
+    elif not is_loopback(_settings(connection).host):
+        _limits(connection).requests.take(_address(connection))
+
+
+@dataclass(frozen=True, slots=True)
+class Sender:
+    """Who posts; `claim` is to be confirmed where it is stored."""
+
+    principal: Principal
+    claim: Claim | None
+
+
+async def sender(request: Request) -> Sender:
+    """A dependency: who posts, if they may. Whoever did lately is looked up where the post reads anyway, not here.
+
+    Raises as `of_connection`, ForbiddenError.
+    """
+    secret = _bearer(request)
+    digest = None if secret is None else digest_of(secret)
+    claim = None if digest is None and COOKIE in request.cookies else _senders(request).get(digest)
+    if claim is None:
+        principal = await run_in_threadpool(of_connection, request)
+        if digest is not None or principal == OPEN:
+            claim = Claim(principal, digest)
+            _senders(request).add(claim)
+    else:
+        principal = claim.principal
+        if digest is None:
+            _refuse_strangers(request)
+        _count(request, principal)
+    _check_role(principal, "robot")
+    return Sender(principal, claim)
+
+
+async def refuse(request: Request, claim: Claim) -> None:
+    """Refuse a claim that is not true any more, counting what its sender sent as every wrong key.
+
+    Raises UnauthorizedError, RateLimitError.
+    """
+    _senders(request).forget(claim)
+    await run_in_threadpool(of_connection, request)
 
 
 @contextmanager
@@ -75,13 +125,12 @@ def refuse_other_sites(connection: HTTPConnection) -> None:
 
 def _principal(connection: HTTPConnection) -> Principal:
     ctx: Context = connection.app.state.ctx
-    scheme, _, secret = connection.headers.get("authorization", "").partition(" ")
-    if secret and scheme.lower() == "bearer":
+    secret = _bearer(connection)
+    if secret is not None:
         with counting_wrong_keys(connection, secret):
-            return by_secret(ctx, secret.strip())
+            return by_secret(ctx, secret)
     if is_open(ctx):
-        _refuse_other_hosts(connection)
-        refuse_other_sites(connection)
+        _refuse_strangers(connection)
         return OPEN
     if COOKIE in connection.cookies:
         refuse_other_sites(connection)
@@ -89,6 +138,18 @@ def _principal(connection: HTTPConnection) -> Principal:
         with counting_wrong_keys(connection, token):
             return by_session(ctx, token)
     raise UnauthorizedError("Send a key: 'Authorization: Bearer tm_…'. An admin makes keys with 'tidemap keys create'.")
+
+
+def _bearer(connection: HTTPConnection) -> str | None:
+    """The secret that is sent as a header, None without one."""
+    scheme, _, secret = connection.headers.get("authorization", "").partition(" ")
+    return secret.strip() if secret and scheme.lower() == "bearer" else None
+
+
+def _refuse_strangers(connection: HTTPConnection) -> None:
+    """What pages of other sites do on an open server. Raises OtherSiteError."""
+    _refuse_other_hosts(connection)
+    refuse_other_sites(connection)
 
 
 def _refuse_other_hosts(connection: HTTPConnection) -> None:
@@ -120,6 +181,11 @@ def _address(connection: HTTPConnection) -> str:
 def _limits(connection: HTTPConnection) -> Limits:
     limits: Limits = connection.app.state.limits
     return limits
+
+
+def _senders(connection: HTTPConnection) -> Senders:
+    senders: Senders = connection.app.state.senders
+    return senders
 
 
 def _settings(connection: HTTPConnection) -> Settings:

@@ -6,7 +6,7 @@ from typing import Annotated
 from fastapi import Depends, Query, Request
 from pydantic import AfterValidator
 
-from app.api.auth import require
+from app.api.auth import Sender, require, sender
 from app.api.bodies import read_body
 from app.errors import InvalidInputError
 from app.ingest.observation import COST, Body
@@ -15,8 +15,8 @@ from app.services.context import Context
 from app.services.keys import Principal
 
 
-def context(request: Request) -> Context:
-    """The context of this server."""
+async def context(request: Request) -> Context:
+    """The context of this server. A function that is not async would take a turn in a thread."""
     ctx: Context = request.app.state.ctx
     return ctx
 
@@ -59,7 +59,7 @@ LARGEST_ID = 2**63 - 1
 Id = Annotated[int, AfterValidator(_storable)]
 Ctx = Annotated[Context, Depends(context)]
 BodyIn = Annotated[Body, Depends(body, scope="function")]
-Robot = Annotated[Principal, Depends(require("robot"))]
+Robot = Annotated[Sender, Depends(sender)]
 Operator = Annotated[Principal, Depends(require("operator"))]
 Admin = Annotated[Principal, Depends(require("admin"))]
 TimeQuery = Annotated[str | None, Query(description="Unix seconds, or ISO 8601 with a zone.")]

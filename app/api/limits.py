@@ -8,9 +8,12 @@ from dataclasses import dataclass
 from threading import Lock
 
 from app.errors import RateLimitError
+from app.services.keys import Claim
 from app.settings import Settings
 
 MOST_NAMES = 10_000
+BELIEVED_S = 60.0
+"""How long bodies of a sender are read without asking first who it is; nothing is stored before that is confirmed."""
 
 
 class Rate:
@@ -71,6 +74,31 @@ class Lately:
 
     def __contains__(self, secret: str) -> bool:
         return hash(secret) in self._right
+
+
+class Senders:
+    """Who posted lately, by the hash of their secret: at most `most`, each for BELIEVED_S. For one event loop."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic, most: int = MOST_NAMES) -> None:
+        self._clock = clock
+        self._most = most
+        self._known: OrderedDict[bytes | None, tuple[float, Claim]] = OrderedDict()
+
+    def add(self, claim: Claim) -> None:
+        """This is who it was, just now."""
+        self.forget(claim)
+        self._known[claim.digest] = (self._clock() + BELIEVED_S, claim)
+        if len(self._known) > self._most:
+            self._known.popitem(last=False)
+
+    def get(self, digest: bytes | None) -> Claim | None:
+        """Who it was; that may not be so any more."""
+        until, claim = self._known.get(digest, (-math.inf, None))
+        return claim if self._clock() < until else None
+
+    def forget(self, claim: Claim) -> None:
+        """It is not so any more."""
+        self._known.pop(claim.digest, None)
 
 
 @dataclass(frozen=True, slots=True)

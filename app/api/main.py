@@ -2,16 +2,16 @@
 
 import os
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from http import HTTPStatus
 from typing import Any
 
-from anyio import CapacityLimiter
 from fastapi import FastAPI
 
 from app import __version__
 from app.api import errors, live
 from app.api.budget import Budget
-from app.api.limits import Limits
+from app.api.limits import Limits, Senders
 from app.api.metrics import RequestMetrics, count_refused, make_registry
 from app.api.routers import anomalies, health, jobs, keys, locations, maps, observations
 from app.schemas.common import Problem
@@ -69,8 +69,9 @@ def create_app(ctx: Context, alive: Mapping[str, Callable[[], bool]] | None = No
     app.state.alive = alive or {}
     app.state.budget = Budget(ctx.settings.max_parsing_bytes)
     # Posts that are parsed and judged at once: more threads than processors would only take turns.
-    app.state.parsing = CapacityLimiter(os.cpu_count() or 1)
+    app.state.parsing = ThreadPoolExecutor(os.cpu_count() or 1, "tidemap-posts")
     app.state.limits = Limits.of(ctx.settings)
+    app.state.senders = Senders()
     app.state.metrics = make_registry(ctx)
     app.state.refused = count_refused(app.state.metrics)
     app.add_middleware(RequestMetrics, registry=app.state.metrics)

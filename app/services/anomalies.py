@@ -64,7 +64,8 @@ def judge(place: LocationRecord, spectrum: Spectrum, measurements: Measurements)
 def _standing(place: LocationRecord, measurements: Measurements) -> tuple[NDArray[np.int64], Measurements]:
     """The measurements that stand among these, which are in order, by sample and cell, and their samples."""
     sample, ordered = measurements.samples(place.base), measurements
-    if len(np.unique(sample[measurements.heads()])) < len(measurements.heads()):
+    heads = measurements.heads()
+    if len(np.unique(sample[heads])) < len(heads):
         order = np.lexsort((ordered.state, ordered.time, ordered.cell, sample))
         sample, ordered = sample[order], ordered.select(order)
     last = np.ones(len(sample), np.bool_)

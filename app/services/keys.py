@@ -10,6 +10,7 @@ from app.errors import UnauthorizedError
 from app.schemas.keys import Key, NewKey, Role
 from app.services.context import Context
 from app.storage.records import KeyRecord
+from app.storage.work import Work
 
 PREFIX = "tm_"
 SESSION_S = 7 * 86400.0
@@ -28,10 +29,18 @@ class Principal:
 OPEN = Principal("anybody", "admin", None)
 
 
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """Who a secret stood for when it was looked up last, by its hash; without one, anybody on an open server."""
+
+    principal: Principal
+    digest: bytes | None
+
+
 def create_key(ctx: Context, name: str, role: Role) -> NewKey:
     """A new key with its secret, which is not kept."""
     secret = PREFIX + secrets.token_urlsafe(32)
-    record = ctx.store.write(lambda work: work.keys.create(name, role, secret[:8], _digest(secret), ctx.clock()))
+    record = ctx.store.write(lambda work: work.keys.create(name, role, secret[:8], digest_of(secret), ctx.clock()))
     return NewKey(**_wire(record).model_dump(), key=secret)
 
 
@@ -51,13 +60,24 @@ def is_open(ctx: Context) -> bool:
     if not ctx.settings.keyless:
         return False
     with ctx.store.read() as work:
-        return work.keys.count() == 0
+        return work.keys.none()
+
+
+def confirm(ctx: Context, work: Work, claim: Claim) -> None:
+    """Raises UnauthorizedError where a claim is not true any more: the key is revoked, or now there is one."""
+    if claim.digest is None:
+        true = ctx.settings.keyless and work.keys.none()
+    else:
+        record = work.keys.find(claim.digest)
+        true = record is not None and _principal(record) == claim.principal
+    if not true:
+        raise UnauthorizedError("This key is not known any more. Ask an admin for a new one.")
 
 
 def by_secret(ctx: Context, secret: str) -> Principal:
     """Who holds a secret. Raises UnauthorizedError."""
     with ctx.store.read() as work:
-        record = work.keys.find(_digest(secret))
+        record = work.keys.find(digest_of(secret))
     if record is None:
         raise UnauthorizedError("This key is not known. Check it, or ask an admin for a new one.")
     return _principal(record)
@@ -66,7 +86,7 @@ def by_secret(ctx: Context, secret: str) -> Principal:
 def session_of(ctx: Context, secret: str) -> str:
     """A token that stands for the key in a browser for a week. Raises UnauthorizedError."""
     with ctx.store.read() as work:
-        record = work.keys.find(_digest(secret))
+        record = work.keys.find(digest_of(secret))
     if record is None:
         raise UnauthorizedError("This key is not known. Check it, or ask an admin for a new one.")
     claim = f"{record.id}.{int(ctx.clock() + SESSION_S)}"
@@ -91,7 +111,8 @@ def allows(role: Role, needed: Literal["robot", "operator", "admin"]) -> bool:
     return role in {needed, "admin"}
 
 
-def _digest(secret: str) -> bytes:
+def digest_of(secret: str) -> bytes:
+    """What is kept of a secret."""
     return hashlib.sha256(secret.encode()).digest()
 
 

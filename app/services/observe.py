@@ -10,6 +10,7 @@ from app.ingest.observation import Body, Target, parse
 from app.schemas.anomalies import Event
 from app.services.anomalies import judge, wire
 from app.services.context import Context
+from app.services.keys import Claim, confirm
 from app.services.spectra import fitted, held
 from app.spectral.measurements import Measurements
 from app.storage.blobs import pack_measurements
@@ -19,11 +20,12 @@ from app.storage.work import Work
 
 @dataclass(frozen=True, slots=True)
 class Post:
-    """A body with what its sender says about it."""
+    """A body with what its sender says about it, and who that is where it has not been made sure of yet."""
 
     body: Body
     source: str | None = None
     idempotency_key: str | None = None
+    claim: Claim | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,8 +45,8 @@ class Observed:
 def observe(ctx: Context, name: str, post: Post) -> Observed:
     """Store a post; returns after its durable commit.
 
-    Raises LocationNotFoundError, UnreadableBodyError, InvalidInputError, UnsupportedMediaTypeError,
-    IdempotencyConflictError, BusyError; nothing is stored then.
+    Raises UnauthorizedError, LocationNotFoundError, UnreadableBodyError, InvalidInputError,
+    UnsupportedMediaTypeError, IdempotencyConflictError, BusyError; nothing is stored then.
     """
     return begin(ctx, name, post).result()
 
@@ -55,6 +57,8 @@ def begin(ctx: Context, name: str, post: Post) -> Future[Observed]:
     Raises as `observe`.
     """
     with ctx.store.read() as work:
+        if post.claim is not None:
+            confirm(ctx, work, post.claim)
         place = work.locations.get(name)
         known = _known(work, place, post)
     if known:

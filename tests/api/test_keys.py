@@ -157,6 +157,36 @@ def test_a_revoked_key_stops_at_once(locked: Any) -> None:
     problem(api.request("DELETE", f"/keys/{made['id']}", headers=admin), 404, "key-not-found")
 
 
+def post(api: Api, headers: dict[str, str]) -> Any:
+    return api.post("/locations/door/observations", {"time": [NOW - 60], "state": [1]}, headers=headers)
+
+
+def test_a_revoked_robot_posts_no_more_though_it_posted_just_now(locked: Any) -> None:
+    api, secrets = locked
+    admin = bearer(secrets["admin"])
+    made = done(api.post("/keys", {"name": "brief", "role": "robot"}, headers=admin), 201)
+    for _ in range(2):
+        done(post(api, bearer(made["key"])), 201)
+    before = done(api.get("/locations/door", headers=admin))["observations"]
+    assert api.request("DELETE", f"/keys/{made['id']}", headers=admin).status_code == 204
+    # SQLite gives the number of the last key again: the old secret must not stand for the new key.
+    done(api.post("/keys", {"name": "brief", "role": "robot"}, headers=admin), 201)
+    for _ in range(2):
+        problem(post(api, bearer(made["key"])), 401, "unauthorized")
+    assert done(api.get("/locations/door", headers=admin))["observations"] == before
+
+
+def test_the_first_key_ends_posting_without_one(tmp_path: Path) -> None:
+    with open_house(tmp_path) as api:
+        done(api.post("/locations", {"name": "door", **PLACE}), 201)
+        for _ in range(2):
+            done(post(api, {}), 201)
+        made = done(api.post("/keys", {"name": "r2", "role": "robot"}), 201)
+        for _ in range(2):
+            problem(post(api, {}), 401, "unauthorized")
+        done(post(api, bearer(made["key"])), 201)
+
+
 def test_keys_are_listed_page_by_page(tmp_path: Path) -> None:
     with open_house(tmp_path) as api:
         admin = bearer(done(api.post("/keys", {"name": "0", "role": "admin"}), 201)["key"])

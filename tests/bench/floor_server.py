@@ -1,17 +1,24 @@
-"""The least a server can do, under the same uvicorn: `python -m tests.bench.floor_server`.
+"""The least a server can do, under the same uvicorn: `python -m tests.bench.floor_server bare` or `site`.
 
-A POST is read to its end and answered with an empty 201; `GET /N` is answered with N bytes from memory. It prints its
+`bare`: a POST is read to its end and answered with an empty 201, `GET /N` with N bytes from memory, by one ASGI
+function. `site`: `POST /floor` likewise, by a route of the site with all that stands before its routes. It prints its
 port once it listens.
 """
 
 import socket
-from collections.abc import Awaitable, Callable
+import sys
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from functools import cache
 from typing import Any
 
 import uvicorn
+from fastapi import Request, Response
 
-from web.serve import configure
+from tests.bench import databases
+from tests.support.contexts import opened
+from web.serve import SWITCH_S, configure
+from web.site import open_site
 
 Receive = Callable[[], Awaitable[dict[str, Any]]]
 Send = Callable[[dict[str, Any]], Awaitable[None]]
@@ -40,11 +47,36 @@ def zeros(size: int) -> bytes:
     return bytes(size)
 
 
-def main() -> None:
+@contextmanager
+def bare() -> Iterator[Any]:
+    """The ASGI function alone."""
+    yield floor
+
+
+@contextmanager
+def site() -> Iterator[Any]:
+    """The site on an empty database, as the figure's server has it, with one route more."""
+    with databases.sqlite() as url, opened(url, viewer=False) as ctx, open_site(ctx) as application:
+        application.add_api_route("/floor", empty, methods=["POST"])
+        yield application
+
+
+async def empty(request: Request) -> Response:
+    """Read the body, answer 201."""
+    await request.body()
+    return Response(status_code=201)
+
+
+APPLICATIONS: dict[str, Callable[[], AbstractContextManager[Any]]] = {"bare": bare, "site": site}
+
+
+def main(name: str) -> None:
+    sys.setswitchinterval(SWITCH_S)
     bound = socket.create_server(("127.0.0.1", 0))
-    print(bound.getsockname()[1], flush=True)
-    uvicorn.Server(configure(floor, "127.0.0.1", 0)).run([bound])
+    with APPLICATIONS[name]() as application:
+        print(bound.getsockname()[1], flush=True)
+        uvicorn.Server(configure(application, "127.0.0.1", 0)).run([bound])
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1])

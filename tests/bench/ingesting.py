@@ -1,6 +1,8 @@
-"""What a posted look costs a server, beside the same body answered by an empty 201."""
+"""What a posted look costs a server, beside the same body answered with an empty 201 by a route of the same site."""
 
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
 
@@ -21,39 +23,48 @@ def figure(database: OpenDatabase, posts: int = POSTS, rounds: int = ROUNDS) -> 
     """Processor time of the server alone; its updater rests, for what it does is not done for each post."""
     clock = Clock(lab.now())
     bodies = lab.bodies(min(posts, 128), clock.now)
-    with database() as url, tempfile.TemporaryDirectory(prefix="tidemap-bench-") as folder, floor_server() as floor:
+    with database() as url, tempfile.TemporaryDirectory(prefix="tidemap-bench-") as folder, _floors() as floors:
         with opened(url, clock) as ctx:
             lab.prepare(ctx)
         server = ServerProcess(Path(folder), database_url=url, env=ENVIRONMENT)
         try:
-            return _measure(Target(server.process.pid, server.port), floor, bodies, posts, rounds)
+            return _measure(Target(server.process.pid, server.port), floors, bodies, posts, rounds)
         finally:
             server.stop()
 
 
-def _measure(target: Target, floor: Target, bodies: list[bytes], posts: int, rounds: int) -> Figure:
+@contextmanager
+def _floors() -> Iterator[tuple[Target, Target]]:
+    """A server with an empty route of the site, and one with nothing but an ASGI function."""
+    with floor_server("site") as site, floor_server("bare") as bare:
+        yield site, bare
+
+
+def _measure(target: Target, floors: tuple[Target, Target], bodies: list[bytes], posts: int, rounds: int) -> Figure:
     numbers = count()
 
-    def batch() -> list[bytes]:
+    def batch(path: str) -> list[bytes]:
         keys = (f"{next(numbers):032x}" for _ in range(posts))
         return [
-            request("POST", PATH, bodies[i % len(bodies)], content_type=ARROW, idempotency_key=key)
+            request("POST", path, bodies[i % len(bodies)], content_type=ARROW, idempotency_key=key)
             for i, key in enumerate(keys)
         ]
 
-    target.serve(batch(), CONNECTIONS)
-    pairs = [(floor.serve(batch(), CONNECTIONS), target.serve(batch(), CONNECTIONS)) for _ in range(rounds)]
-    latency = [seconds for _, served in pairs for seconds in served.latency_s]
-    fastest = min(served.wall_s for _, served in pairs)
+    everyone = ((target, PATH), *((floor, "/floor") for floor in floors))
+    for each, path in everyone:
+        each.serve(batch(path), CONNECTIONS)
+    served = [[each.serve(batch(path), CONNECTIONS) for each, path in everyone] for _ in range(rounds)]
+    posted, answered, _ = zip(*served, strict=True)
+    cpu, floor_cpu, bare_cpu = (min(each.cpu_s for each in column) * 1e6 for column in zip(*served, strict=True))
+    latency = [seconds for each in posted for seconds in each.latency_s]
     details: dict[str, float | int | str] = {
         "cells": lab.N_SEEN,
         "connections": CONNECTIONS,
         "body_bytes": len(bodies[0]),
-        "posts_per_s": round(posts / fastest),
+        "bare_floor": round(bare_cpu),
+        "posts_per_s": round(posts / min(each.wall_s for each in posted)),
         "p50_ms": round(quantile(latency, 0.5) * 1e3, 1),
         "p99_ms": round(quantile(latency, 0.99) * 1e3, 1),
-        "floor_p50_ms": round(quantile([s for served, _ in pairs for s in served.latency_s], 0.5) * 1e3, 1),
+        "floor_p50_ms": round(quantile([s for each in answered for s in each.latency_s], 0.5) * 1e3, 1),
     }
-    least = (min(served.cpu_s for served in column) for column in zip(*pairs, strict=True))
-    floor_cpu, cpu = (seconds * 1e6 for seconds in least)
     return Figure(cpu, floor_cpu, 2.5, "µs CPU/post", details)

@@ -44,14 +44,13 @@ class Target:
 
 
 @contextmanager
-def floor_server() -> Iterator[Target]:
-    """The server of `floor_server` as a process of its own."""
-    command = [sys.executable, "-m", "tests.bench.floor_server"]
+def floor_server(application: str = "bare") -> Iterator[Target]:
+    """An application of `floor_server`, `bare` or `site`, in a process of its own."""
+    command = [sys.executable, "-m", "tests.bench.floor_server", application]
     process = subprocess.Popen(command, cwd=ROOT, env=clean_environment(), stdout=subprocess.PIPE, text=True)
     try:
         line = process.stdout.readline() if process.stdout else ""
         target = Target(process.pid, int(line))
-        target.serve([request("GET", "/1")], 1)
         yield target
     finally:
         process.terminate()

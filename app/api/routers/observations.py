@@ -1,17 +1,21 @@
 """/locations/{name}/observations"""
 
 import asyncio
+from concurrent.futures import Future
+from functools import partial
 from typing import Annotated, Any
 
-from anyio import to_thread
 from fastapi import APIRouter, Header, Query, Request, Response
 
+from app.api.auth import refuse
 from app.api.dependencies import BodyIn, Ctx, Robot
+from app.errors import UnauthorizedError
 from app.ingest.observation import ARROW, JSON, NPY
 from app.schemas.common import Text
 from app.schemas.observations import Accepted, GridObservations, StateObservations
+from app.services.context import Context
 from app.services.keys import Principal
-from app.services.observe import Post, begin
+from app.services.observe import Observed, Post, begin
 
 router = APIRouter(prefix="/locations/{name}/observations", tags=["observations"])
 
@@ -77,11 +81,35 @@ async def post(
 
     The same Idempotency-Key with the same body again is answered 200 with `duplicate` true; nothing is stored twice.
     """
-    sent = Post(body, source or _name(robot), idempotency_key)
-    pending = await to_thread.run_sync(begin, ctx, name, sent, limiter=request.app.state.parsing)
-    result = await asyncio.wrap_future(pending)
+    sent = Post(body, source or _name(robot.principal), idempotency_key, robot.claim)
+    stored: Future[Observed] = Future()
+    request.app.state.parsing.submit(_begin, stored, ctx, name, sent)
+    try:
+        result = await asyncio.wrap_future(stored)
+    except UnauthorizedError:
+        if robot.claim is not None:
+            await refuse(request, robot.claim)
+        raise
     content = Accepted.model_validate(result, from_attributes=True).model_dump_json()
     return Response(content, 200 if result.duplicate else 201, media_type=JSON)
+
+
+def _begin(stored: "Future[Observed]", ctx: Context, name: str, sent: Post) -> None:
+    """Begin a post; `stored` has its end, so that the event loop hears of it once."""
+    if not stored.set_running_or_notify_cancel():
+        return
+    try:
+        begin(ctx, name, sent).add_done_callback(partial(_end, stored))
+    except BaseException as error:
+        stored.set_exception(error)
+
+
+def _end(stored: "Future[Observed]", pending: "Future[Observed]") -> None:
+    error = pending.exception()
+    if error is None:
+        stored.set_result(pending.result())
+    else:
+        stored.set_exception(error)
 
 
 def _name(robot: Principal) -> str | None:

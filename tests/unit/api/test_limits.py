@@ -4,8 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.api.limits import Lately, Rate
+from app.api.limits import BELIEVED_S, Lately, Rate, Senders
 from app.errors import RateLimitError
+from app.services.keys import Claim, Principal
 
 
 class Clock:
@@ -95,3 +96,16 @@ def test_the_secrets_that_were_right_last_are_known() -> None:
     for secret in ("a", "b", "a", "c"):
         lately.add(secret)
     assert [secret in lately for secret in "abc"] == [True, False, True]
+
+
+def test_a_sender_is_known_for_a_while_and_no_more_than_so_many_are() -> None:
+    clock = Clock()
+    senders = Senders(clock, most=2)
+    claims = [Claim(Principal(name, "robot", 1), name.encode()) for name in "abc"]
+    for claim in claims:
+        senders.add(claim)
+    assert [senders.get(claim.digest) for claim in claims] == [None, *claims[1:]]
+    senders.forget(claims[1])
+    assert senders.get(claims[1].digest) is None
+    clock.now += BELIEVED_S
+    assert senders.get(claims[2].digest) is None
