@@ -1,5 +1,6 @@
-"""The stored forms of measurements, spectra and cell lists, built on `codec`."""
+"""The stored forms of measurements, spectra, cell lists and JSON, built on `codec`."""
 
+import json
 from typing import Any, cast
 
 import numpy as np
@@ -63,7 +64,8 @@ def pack_spectrum(spectrum: Spectrum) -> bytes:
             "origin_s": np.array(spectrum.origin_s),
             "time_zone": np.array((spectrum.time_zone or "").encode()),
             **{name: getattr(spectrum, name) for name in _SPECTRUM},
-        }
+        },
+        SMALL,
     )
 
 
@@ -86,6 +88,16 @@ def pack_cells(cells: NDArray[np.generic]) -> bytes:
 def unpack_cells(blob: bytes, what: str) -> NDArray[np.int64]:
     """The inverse of `pack_cells`."""
     return unseal(blob, what, "cell")["cell"].astype(np.int64)
+
+
+def pack_json(value: Any) -> bytes:
+    """A value of plain JSON."""
+    return seal({"json": np.array(json.dumps(value).encode())}, SMALL)
+
+
+def unpack_json(blob: bytes, what: str) -> Any:
+    """The inverse of `pack_json`."""
+    return json.loads(cast(Any, unseal(blob, what, "json")["json"]).item())
 
 
 def pack_segment(segment: Segment) -> bytes:

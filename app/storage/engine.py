@@ -8,11 +8,15 @@ from urllib.parse import quote
 from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
 from sqlalchemy.pool import NullPool, QueuePool
 
+PAGE_BYTES = 1024
+"""Of a new file. Packed rows have one or two kilobytes and end within a page, of which the rest stays empty: with the
+usual 4096 that is a quarter of a small file. It costs 5 µs a post."""
 _PRAGMAS = (
     "PRAGMA journal_mode = WAL",
     "PRAGMA synchronous = FULL",
     "PRAGMA foreign_keys = ON",
     "PRAGMA busy_timeout = 10000",
+    f"PRAGMA wal_autocheckpoint = {4 * 2**20 // PAGE_BYTES}",
 )
 OVERFLOW = 32
 """Connections beyond those kept, so that no request, of which 40 run at once, waits for one."""
@@ -68,6 +72,7 @@ def _sqlite(url: URL, begin: str, pool_size: int) -> Engine:
         connection.isolation_level = None
         if connection.execute("PRAGMA page_count").fetchone() == (0,):
             # Before everything else, and it would ask a file that is in use for a lock.
+            connection.execute(f"PRAGMA page_size = {PAGE_BYTES}")
             connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
         for pragma in _PRAGMAS:
             connection.execute(pragma)

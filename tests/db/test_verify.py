@@ -134,7 +134,7 @@ def test_it_is_in_order_after_everything_is_compacted(ctx: Context, url: str) ->
             "history chunk 0, segment 5: its contents do not fit: its times are not asc",
         ),
         ("DELETE FROM revision", "location 'lab', revision 1: it is missing"),
-        ("UPDATE revision SET recipe = '{}'", "location 'lab', revision 1: its contents do not fit"),
+        ("UPDATE revision SET recipe = '{}'", "location 'lab', revision 1: it is cut short"),
         ("UPDATE revision SET measurements = 99", "revision 1: its contents do not fit: it was fitted on more than"),
         ("UPDATE revision SET stop = start", "revision 1: its contents do not fit: its window is empty"),
         ("UPDATE revision SET revision = 2", "revision 2: the location's revision is 1"),
