@@ -21,8 +21,9 @@ from app.errors import CorruptChunkError
 VERSION = 1
 _PREFIX = struct.Struct("<BI")
 _LENGTH = struct.Struct("<I")
-QUICK, SMALL = 3, 12
-"""Levels of zstd: for what is written with every post, and for what is kept."""
+QUICK, SMALL = 3, 9
+"""Levels of zstd: for what is written with every post, and for what is kept. 12 saves 3 %,
+and takes half as long again for history, thrice for ranks that differ from cell to cell."""
 HEADERS = zstandard.ZstdCompressionDict(
     b'[["link", "|S8", []], ["origin_s", "<f8", []], ["time_zone", "|S13", []], ["frequency_hz", "<f8", []], '
     b'["gate", "|u1", []], ["mean", "<f4", [1024]], ["cell", "<i4", []], ["index", "<u2", []], '

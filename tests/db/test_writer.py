@@ -396,7 +396,7 @@ def test_a_log_file_that_readers_kept_open_is_emptied_when_they_let_go(
     store: Store, engine: Engine, database_url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     only_on(engine, "sqlite")
-    monkeypatch.setattr("app.storage.checkpoint.MOST_BYTES", 50_000)
+    monkeypatch.setattr("app.storage.checkpoint.MOST_BYTES", 25_000)
     monkeypatch.setattr("app.storage.checkpoint.PATIENCE_MS", 1)
     monkeypatch.setattr("app.storage.checkpoint.REST_S", 0.0)
     log = Path(database_url.removeprefix("sqlite:///") + "-wal")
@@ -404,7 +404,7 @@ def test_a_log_file_that_readers_kept_open_is_emptied_when_they_let_go(
         work.keys.count()
         for number in range(20):
             store.write(key(f"held {number}"))
-        assert log.stat().st_size > 50_000
+        assert log.stat().st_size > 25_000
     store.write(key("after"))
     store.write(key("and after its care"))
-    assert log.stat().st_size < 50_000
+    assert log.stat().st_size < 25_000

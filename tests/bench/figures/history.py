@@ -52,7 +52,7 @@ def bare(ctx: Context, name: str) -> int:
 
 
 def shares(path: Path) -> dict[str, int]:
-    """Kilobytes of blobs by table, of pages by table and index, and of pages that are free."""
+    """Kilobytes of blobs by table, and of pages that are free."""
     connection = sqlite3.connect(path)
     columns = {"anomaly": "cells"}
     found = {

@@ -47,7 +47,6 @@ def measure(shape: tuple[int, ...] = million.SHAPE) -> Figure:
             "update_s": round(update_s, 1),
             "file_mb": round(path.stat().st_size / 1e6, 1),
             "history_mb": round(history_bytes(path) / 1e6, 1),
-            "measurements": spectrum.place.measurements,
         }
     return Figure(load * 1e3, floor * 1e3, 2.0, "ms", details)
 
