@@ -105,7 +105,7 @@ def upgrade() -> None:
         sa.Column("progress", sa.Float(precision=53), nullable=False),
         sa.Column("request", sa.Text(), nullable=False),
         sa.Column("error", sa.Text(), nullable=True),
-        sa.Column("result", sa.Text(), nullable=True),
+        sa.Column("result", sa.LargeBinary(), nullable=True),
         sa.Column("created_at", sa.Float(precision=53), nullable=False),
         sa.Column("finished_at", sa.Float(precision=53), nullable=True),
         sa.ForeignKeyConstraint(
@@ -141,14 +141,14 @@ def upgrade() -> None:
         "revision",
         sa.Column("location_id", BigInt, nullable=False),
         sa.Column("revision", sa.Integer(), autoincrement=False, nullable=False),
-        sa.Column("recipe", sa.Text(), nullable=False),
+        sa.Column("recipe", sa.LargeBinary(), nullable=False),
         sa.Column("start", BigInt, nullable=False),
         sa.Column("stop", BigInt, nullable=False),
         sa.Column("observation_seq", BigInt, nullable=False),
         sa.Column("measurements", BigInt, nullable=False),
         sa.Column("accuracy", sa.Float(precision=53), nullable=True),
         sa.Column("updated_at", sa.Float(precision=53), nullable=False),
-        sa.Column("selection", sa.Text(), nullable=True),
+        sa.Column("selection", sa.LargeBinary(), nullable=True),
         sa.ForeignKeyConstraint(
             ["location_id"], ["location.id"], name=op.f("fk_revision_location_id_location"), ondelete="CASCADE"
         ),

@@ -12,7 +12,7 @@ import numpy as np
 
 from app.errors import CorruptChunkError
 from app.spectral.segment import SEGMENT_SAMPLES, Segment
-from app.storage.blobs import unpack_cells, unpack_measurements, unpack_segment, unpack_spectrum
+from app.storage.blobs import unpack_cells, unpack_json, unpack_measurements, unpack_segment, unpack_spectrum
 from app.storage.inspection import Row, Snapshot
 from app.storage.records import LocationRecord, RevisionRecord
 
@@ -226,6 +226,7 @@ def _jobs(snapshot: Snapshot, place: LocationRecord) -> Iterator[Wrong]:
 
 def _match_job(row: Row) -> None:
     json.loads(row.request)
-    json.loads(row.result or "null")
+    if row.result is not None:
+        unpack_json(row.result, "job")
     if row.state not in JOB_STATES:
         raise ValueError(f"its state is {row.state!r}")

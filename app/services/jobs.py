@@ -1,6 +1,5 @@
 """Jobs: asking for long work, following it, running it."""
 
-import json
 import logging
 from collections.abc import Callable
 from contextlib import suppress
@@ -86,7 +85,7 @@ def run_job(ctx: Context, record: JobRecord, executor: Executor) -> None:
         _finish(ctx, record, state="failed", error=f"{type(error).__name__}: {error}")
     else:
         result = {name: getattr(revision, name) for name in ("revision", "estimator", "order", "accuracy", "selection")}
-        _finish(ctx, record, state="done", progress=1.0, result=json.dumps(result))
+        _finish(ctx, record, state="done", progress=1.0, result=result)
         ctx.bus.publish(Message("update", record.location, revision.revision, ctx.clock(), result))
 
 

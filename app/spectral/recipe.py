@@ -1,6 +1,5 @@
-"""Recipe: everything that decides how a spectrum is fitted, as one value that can be stored as text."""
+"""Recipe: everything that decides how a spectrum is fitted, as one value that can be stored as JSON."""
 
-import json
 import math
 from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal, Self
@@ -75,14 +74,6 @@ class Recipe:
             Prior(**{**each, "half_life_days": each["half_life_days"] or math.inf}) for each in plain["priors"]
         )
         return cls(**{**plain, "priors": priors})
-
-    def to_text(self) -> str:
-        """Canonical JSON: equal recipes give equal text."""
-        return json.dumps(self.as_dict(), sort_keys=True)
-
-    @classmethod
-    def from_text(cls, text: str) -> Self:
-        return cls.from_dict(json.loads(text))
 
 
 def _finite(days: float) -> float | None:

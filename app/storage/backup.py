@@ -16,7 +16,7 @@ from app.storage.engine import open_inspector
 from app.storage.migrate import current_version
 from app.storage.store import usable
 
-PAGES = 1024
+PAGES = 4096
 """Pages copied at once."""
 
 

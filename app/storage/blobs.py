@@ -1,5 +1,6 @@
-"""The stored forms of measurements, spectra and cell lists, built on `codec`."""
+"""The stored forms of measurements, spectra, cell lists and JSON, built on `codec`."""
 
+import json
 from typing import Any, cast
 
 import numpy as np
@@ -7,12 +8,15 @@ from numpy.typing import NDArray
 
 from app.spectral.history import History
 from app.spectral.measurements import Measurements
+from app.spectral.patterns import distinct, spread, transpose
 from app.spectral.segment import SEGMENT_SAMPLES, Segment
 from app.spectral.spectrum import Spectrum
 from app.storage.codec import SMALL, seal, unseal
 
 _SPECTRUM = ("frequency_hz", "gate", "mean", "cell", "index", "coefficient")
 """The arrays of a spectrum."""
+LINE = 2
+"""Numbers that a line is given by."""
 
 
 def pack_measurements(measurements: Measurements) -> bytes:
@@ -28,15 +32,15 @@ def pack_measurements(measurements: Measurements) -> bytes:
             "time": measurements.time[heads],
             "run": np.diff(heads, append=len(cell)).astype(np.uint32),
             "first": cell[heads],
-            "step": step.astype(_narrowest(step)),
+            "step": narrow(step),
             "state": np.packbits(measurements.state, bitorder="little"),
         }
     )
 
 
-def _narrowest(values: NDArray[np.unsignedinteger[Any]]) -> np.dtype[Any]:
-    """The narrowest unsigned type that holds all of them."""
-    return np.min_scalar_type(values.max(initial=0))
+def narrow(values: NDArray[np.integer[Any]]) -> NDArray[np.unsignedinteger[Any]]:
+    """As the narrowest unsigned type that holds all of them."""
+    return values.astype(np.min_scalar_type(values.max(initial=0)))
 
 
 def unpack_measurements(blob: bytes, what: str) -> Measurements:
@@ -60,7 +64,8 @@ def pack_spectrum(spectrum: Spectrum) -> bytes:
             "origin_s": np.array(spectrum.origin_s),
             "time_zone": np.array((spectrum.time_zone or "").encode()),
             **{name: getattr(spectrum, name) for name in _SPECTRUM},
-        }
+        },
+        SMALL,
     )
 
 
@@ -85,24 +90,69 @@ def unpack_cells(blob: bytes, what: str) -> NDArray[np.int64]:
     return unseal(blob, what, "cell")["cell"].astype(np.int64)
 
 
+def pack_json(value: Any) -> bytes:
+    """A value of plain JSON."""
+    return seal({"json": np.array(json.dumps(value).encode())}, SMALL)
+
+
+def unpack_json(blob: bytes, what: str) -> Any:
+    """The inverse of `pack_json`."""
+    return json.loads(cast(Any, unseal(blob, what, "json")["json"]).item())
+
+
 def pack_segment(segment: Segment) -> bytes:
-    """Bit planes, the times as differences of their bit patterns (exact), and ranks in the least width."""
-    bits = segment.time.view(np.int64)
+    """What repeats is stored once: of the observed plane the distinct rows of cells, and of those the distinct samples.
+
+    What a robot sees from one place are always the same cells. The occupied plane is told by a state that stands
+    until another is observed, so that cells which alike are always free are alike, whenever they were observed.
+    ValueError where something is occupied that was not observed: that has no stored form.
+    """
+    history = segment.history.check()
+    rows, row = distinct(history.observed)
+    seen, sample = distinct(transpose(rows))
+    state, stands = distinct(spread(history.observed, history.occupied))
     columns: dict[str, NDArray[np.generic]] = {
-        "observed": segment.history.observed,
-        "occupied": segment.history.occupied,
-        "time": np.diff(bits, prepend=np.int64(0)),
+        "seen": seen,
+        "sample": narrow(sample),
+        "row": narrow(row),
+        "state": state,
+        "stands": narrow(stands),
+        "time": _off_line(segment.time, _places(seen, sample, len(segment.time))),
     }
     if segment.rank is not None:
-        narrow = segment.rank.max(initial=0) < 256
-        columns["rank"] = segment.rank.astype(np.uint8 if narrow else np.uint16)
+        columns["rank"] = narrow(segment.rank)
     return seal(columns, SMALL)
 
 
 def unpack_segment(blob: bytes, number: int, what: str) -> Segment:
     """The inverse of `pack_segment`, for the segment of this number."""
-    columns = cast(dict[str, Any], unseal(blob, what, "observed", "occupied", "time"))
-    history = History(number * SEGMENT_SAMPLES, SEGMENT_SAMPLES, columns["observed"], columns["occupied"])
-    time = np.cumsum(columns["time"]).view(np.float64)
+    columns = cast(dict[str, Any], unseal(blob, what, "seen", "sample", "row", "state", "stands", "time"))
+    seen, sample, row = columns["seen"], columns["sample"], columns["row"]
+    observed = transpose(seen[sample])[row]
+    occupied = columns["state"][columns["stands"]]
+    occupied &= observed
+    off = columns["time"]
+    time = _on_line(off, _places(seen, sample, max(0, len(off) - LINE)))
     rank = columns.get("rank")
+    history = History(number * SEGMENT_SAMPLES, SEGMENT_SAMPLES, observed, occupied)
     return Segment(history, time, None if rank is None else rank.astype(np.uint16))
+
+
+def _places(seen: NDArray[np.uint8], sample: NDArray[Any], n_times: int) -> NDArray[np.int64]:
+    """Where on their line the times are expected: at the observed samples, one after the other if some hold several."""
+    observed = np.flatnonzero(np.any(seen, axis=1).take(sample))
+    return observed if len(observed) == n_times else np.arange(n_times)
+
+
+def _off_line(time: NDArray[np.float64], at: NDArray[np.int64]) -> NDArray[np.int64]:
+    """First time, slope, and how far the bits of each are from those of that line: zeros for times at their samples."""
+    slope = (time[-1:] - time[:1]) / np.maximum(at[-1:] - at[:1], 1)
+    line = time[:1] + slope * (at - at[:1])
+    # Differences of bit patterns are exact, also where they wrap around.
+    return np.concatenate([time[:1].view(np.int64), slope.view(np.int64), time.view(np.int64) - line.view(np.int64)])
+
+
+def _on_line(off: NDArray[np.int64], at: NDArray[np.int64]) -> NDArray[np.float64]:
+    """The inverse of `_off_line`."""
+    first, slope = off[:1].view(np.float64), off[1:LINE].view(np.float64)
+    return (off[LINE:] + (first + slope * (at - at[:1])).view(np.int64)).view(np.float64)

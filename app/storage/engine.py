@@ -8,11 +8,15 @@ from urllib.parse import quote
 from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
 from sqlalchemy.pool import NullPool, QueuePool
 
+PAGE_BYTES = 4096
+"""Of a new file. Smaller ones would leave less of a small file empty, but a full disk has to have no room for the least
+write either: only so the log tells of it once."""
 _PRAGMAS = (
     "PRAGMA journal_mode = WAL",
     "PRAGMA synchronous = FULL",
     "PRAGMA foreign_keys = ON",
     "PRAGMA busy_timeout = 10000",
+    f"PRAGMA wal_autocheckpoint = {4 * 2**20 // PAGE_BYTES}",
 )
 OVERFLOW = 32
 """Connections beyond those kept, so that no request, of which 40 run at once, waits for one."""
@@ -68,6 +72,7 @@ def _sqlite(url: URL, begin: str, pool_size: int) -> Engine:
         connection.isolation_level = None
         if connection.execute("PRAGMA page_count").fetchone() == (0,):
             # Before everything else, and it would ask a file that is in use for a lock.
+            connection.execute(f"PRAGMA page_size = {PAGE_BYTES}")
             connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
         for pragma in _PRAGMAS:
             connection.execute(pragma)

@@ -7,6 +7,7 @@ from typing import Any
 from sqlalchemy import Connection, RowMapping, delete, insert, select, update
 
 from app.errors import JobNotFoundError
+from app.storage.blobs import pack_json, unpack_json
 from app.storage.counters import take
 from app.storage.records import JobRecord
 from app.storage.tables import job, location
@@ -54,7 +55,9 @@ class Jobs:
         return None
 
     def transition(self, job_id: int, expected: str, **values: Any) -> bool:
-        """Change a job that is in the expected state; False when it is not."""
+        """Change a job that is in the expected state, `result` as plain JSON; False when it is not."""
+        if "result" in values:
+            values["result"] = pack_json(values["result"])
         query = update(job).where(job.c.id == job_id, job.c.state == expected).values(**values)
         return self._connection.execute(query).rowcount == 1
 
@@ -87,5 +90,5 @@ class Jobs:
 def _record(row: RowMapping) -> JobRecord:
     values = {name: row[name] for name in JobRecord.__dataclass_fields__}
     values["request"] = json.loads(row["request"])
-    values["result"] = json.loads(row["result"]) if row["result"] else None
+    values["result"] = row["result"] and unpack_json(row["result"], f"the result of job {row['id']}")
     return JobRecord(**values)

@@ -192,11 +192,11 @@ class Observations:
             self._connection.execute(insert(observation), [dict(row) for row in rows])
 
     def give_back(self) -> None:
-        """Shorten the file, by 16 MB at most, where more than a quarter of it is free; PostgreSQL does it by itself."""
+        """Shorten the file, by 4 MB at most, where more than an eighth of it is free; PostgreSQL does it by itself."""
         if self._connection.dialect.name != "sqlite":
             return
         free, whole = (self._connection.exec_driver_sql(f"PRAGMA {name}").scalar() or 0 for name in _PAGES)
-        for _ in range(min(free, GIVEN_BACK) if free > whole // 4 else 0):
+        for _ in range(min(free, GIVEN_BACK) if free > whole // 8 else 0):
             # Python's driver stops after the first page of many.
             self._connection.exec_driver_sql("PRAGMA incremental_vacuum(1)")
 

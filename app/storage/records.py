@@ -14,6 +14,7 @@ from app.errors import CorruptChunkError
 from app.space.grid import SINGLE, Grid
 from app.spectral.recipe import Recipe
 from app.spectral.timebase import TimeBase
+from app.storage.blobs import unpack_json
 
 CHUNK_CELLS = 1024
 
@@ -114,8 +115,10 @@ class RevisionRecord:
     @classmethod
     def of(cls, row: RowMapping) -> "RevisionRecord":
         """From a row of the table."""
-        selection = json.loads(row["selection"]) if row["selection"] else None
-        return cls(**{**row, "recipe": Recipe.from_text(row["recipe"]), "selection": selection})
+        what = f"revision {row['revision']}"
+        recipe = Recipe.from_dict(unpack_json(row["recipe"], f"the recipe of {what}"))
+        selection = row["selection"] and unpack_json(row["selection"], f"the selection of {what}")
+        return cls(**{**row, "recipe": recipe, "selection": selection})
 
     @property
     def estimator(self) -> str:

@@ -1,13 +1,12 @@
 """The repository of revisions and their spectra."""
 
-import json
 from dataclasses import fields
 
 from sqlalchemy import Connection, bindparam, delete, func, insert, select, update
 
 from app.errors import CorruptChunkError
 from app.spectral.spectrum import Spectrum
-from app.storage.blobs import pack_spectrum, unpack_spectrum
+from app.storage.blobs import pack_json, pack_spectrum, unpack_spectrum
 from app.storage.records import LocationRecord, RevisionRecord
 from app.storage.tables import location, revision, spectrum
 
@@ -61,8 +60,8 @@ class Spectra:
         shown = self._connection.execute(update(location).where(mine, earlier).values(revision=record.revision))
         if shown.rowcount == 1:
             row = {field.name: getattr(record, field.name) for field in fields(record)}
-            row["recipe"] = record.recipe.to_text()
-            row["selection"] = json.dumps(record.selection) if record.selection else None
+            row["recipe"] = pack_json(record.recipe.as_dict())
+            row["selection"] = pack_json(record.selection) if record.selection else None
             self._connection.execute(insert(revision).values(**row))
         visible = select(location.c.revision).where(mine).scalar_subquery()
         for table in (spectrum, revision):

@@ -93,14 +93,14 @@ revision = Table(
     metadata,
     _location_id(),
     Column("revision", Integer, primary_key=True, autoincrement=False),
-    Column("recipe", Text, nullable=False),
+    Column("recipe", LargeBinary, nullable=False),
     Column("start", BigInt, nullable=False),
     Column("stop", BigInt, nullable=False),
     Column("observation_seq", BigInt, nullable=False),
     Column("measurements", BigInt, nullable=False),
     Column("accuracy", Float(53)),
     Column("updated_at", Float(53), nullable=False),
-    Column("selection", Text),
+    Column("selection", LargeBinary),
 )
 
 spectrum = Table(
@@ -144,7 +144,7 @@ job = Table(
     Column("progress", Float(53), nullable=False, default=0.0),
     Column("request", Text, nullable=False),
     Column("error", Text),
-    Column("result", Text),
+    Column("result", LargeBinary),
     Column("created_at", Float(53), nullable=False),
     Column("finished_at", Float(53)),
     Index("ix_job_id", "id", unique=True),

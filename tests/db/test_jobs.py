@@ -92,7 +92,7 @@ def test_what_was_running_when_the_process_ended_runs_again(store: Store, place:
     for number in (running, done):
         store.write(lambda work, number=number: work.jobs.transition(number, "queued", state="running"))
         store.write(lambda work, number=number: work.jobs.progress(number, 0.5))
-    store.write(lambda work: work.jobs.transition(done, "running", state="done", result='{"revision": 1}'))
+    store.write(lambda work: work.jobs.transition(done, "running", state="done", result={"revision": 1}))
     store.write(lambda work: work.jobs.requeue_running())
     with store.read() as work:
         jobs = [work.jobs.get(number) for number in (running, done, waiting)]

@@ -134,7 +134,7 @@ def test_it_is_in_order_after_everything_is_compacted(ctx: Context, url: str) ->
             "history chunk 0, segment 5: its contents do not fit: its times are not asc",
         ),
         ("DELETE FROM revision", "location 'lab', revision 1: it is missing"),
-        ("UPDATE revision SET recipe = '{}'", "location 'lab', revision 1: its contents do not fit"),
+        ("UPDATE revision SET recipe = '{}'", "location 'lab', revision 1: it is cut short"),
         ("UPDATE revision SET measurements = 99", "revision 1: its contents do not fit: it was fitted on more than"),
         ("UPDATE revision SET stop = start", "revision 1: its contents do not fit: its window is empty"),
         ("UPDATE revision SET revision = 2", "revision 2: the location's revision is 1"),
@@ -230,13 +230,13 @@ def test_contents_that_do_not_fit_their_row_are_named(
     assert any(says in line for line in planted(url, table, where, payload))
 
 
-def test_planes_that_contradict_each_other_are_named(ctx: Context, url: str) -> None:
+def test_a_segment_that_names_what_it_lacks_is_named(ctx: Context, url: str) -> None:
     with ctx.store.read() as work:
         segment = work.observations.segments(find_location(ctx, "lab"), 1, 0, 0)[0]
     columns = unseal(pack_segment(segment), "history")
-    spoilt = seal({**columns, "occupied": ~columns["occupied"]})
+    spoilt = seal({**columns, "state": columns["state"][:0]})
     assert zlib.crc32(spoilt[5:]) == int.from_bytes(spoilt[1:5], "little")
-    assert any("occupied where nothing was observed" in line for line in planted(url, "history", "chunk = 1", spoilt))
+    assert any("its contents do not fit: index 0 is" in line for line in planted(url, "history", "chunk = 1", spoilt))
 
 
 def test_what_runs_beside_a_server_sees_no_half_of_a_write(ctx: Context, url: str) -> None:

@@ -76,10 +76,11 @@ def test_measurements_come_back(rows: list[tuple[float, int, int]]) -> None:
 
 @st.composite
 def segments(draw: st.DrawFn) -> Segment:
-    """Any planes, times and ranks, also such as no merge makes."""
-    n_cells = draw(st.integers(1, 3))
+    """Any planes that do not contradict each other, times and ranks, also such as no merge makes."""
+    n_cells = draw(st.integers(1, 20))
     plane = hnp.arrays(np.uint8, (n_cells, SEGMENT_SAMPLES // 8), elements=st.integers(0, 255), fill=st.just(0))
-    history = History(3 * SEGMENT_SAMPLES, SEGMENT_SAMPLES, draw(plane), draw(plane))
+    observed = draw(plane)
+    history = History(3 * SEGMENT_SAMPLES, SEGMENT_SAMPLES, observed, observed & draw(plane))
     time = np.array(sorted(draw(st.lists(TIMES, max_size=9))), np.float64)
     top = draw(st.sampled_from([0, 255, 65535]))
     rank = hnp.arrays(np.uint16, (n_cells, SEGMENT_SAMPLES), elements=st.integers(0, top), fill=st.just(0))
@@ -101,6 +102,12 @@ def test_segments_come_back(segment: Segment) -> None:
         pairs.append((segment.rank, found.rank))
     for stored, read in pairs:
         assert bits_of(stored) == bits_of(read)
+
+
+def test_what_is_occupied_but_was_not_observed_is_not_stored() -> None:
+    free, full = (np.full((1, SEGMENT_SAMPLES // 8), byte, np.uint8) for byte in (0, 255))
+    with pytest.raises(ValueError, match="occupied where nothing was observed"):
+        pack_segment(Segment(History(0, SEGMENT_SAMPLES, free, full), np.empty(0), None))
 
 
 @st.composite

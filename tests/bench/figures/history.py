@@ -39,6 +39,7 @@ def measure() -> Figure:
         size = path.stat().st_size
         details: dict[str, float | int | str] = {"measurements": measurements, "file_kb": round(size / 1e3)}
         details |= shares(path)
+        details["history_ratio"] = round(float(details["history_kb"]) * 1e3 / (floor * measurements), 2)
     return Figure(size / measurements, floor, 1.5, "B/measurement", details)
 
 

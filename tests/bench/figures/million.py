@@ -13,6 +13,7 @@ from app.services.locations import find_location
 from app.services.predict import series
 from app.services.spectra import fitted
 from app.services.update import UpdateRequest, run_update
+from app.storage.codec import HEADERS
 from app.workers.executors import LocalExecutor
 from tests.bench import databases, million
 from tests.bench.timing import Figure, interleaved
@@ -45,6 +46,7 @@ def measure(shape: tuple[int, ...] = million.SHAPE) -> Figure:
             "series_goal_ms": 20,
             "update_s": round(update_s, 1),
             "file_mb": round(path.stat().st_size / 1e6, 1),
+            "history_mb": round(history_bytes(path) / 1e6, 1),
         }
     return Figure(load * 1e3, floor * 1e3, 2.0, "ms", details)
 
@@ -57,13 +59,21 @@ def update(ctx: Context) -> None:
 
 def raw(path: Path) -> None:
     """Every row of the spectra read, checked and decompressed once."""
-    decompressor = zstandard.ZstdDecompressor()
+    decompressor = zstandard.ZstdDecompressor(dict_data=HEADERS)
     connection = sqlite3.connect(path)
     for (payload,) in connection.execute("SELECT payload FROM spectrum"):
         frame = memoryview(payload)[HEADER:]
         zlib.crc32(frame)
         decompressor.decompress(frame)
     connection.close()
+
+
+def history_bytes(path: Path) -> int:
+    """Of the packed segments alone."""
+    connection = sqlite3.connect(path)
+    ((total,),) = connection.execute("SELECT sum(length(payload)) FROM history")
+    connection.close()
+    return int(total)
 
 
 def seconds(work: Callable[[], object]) -> float:

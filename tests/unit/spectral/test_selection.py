@@ -1,5 +1,7 @@
 """`auto`: what it chooses, from what, and how well that predicts."""
 
+import json
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -94,11 +96,11 @@ def test_what_is_asked_for_is_kept() -> None:
     assert choose(history.window(0, DAY), BASE, orders=(3,), time_zone=LONDON, estimator="fft").order == 3
 
 
-def test_auto_repeats_itself_and_its_recipe_is_text() -> None:
+def test_auto_repeats_itself_and_its_recipe_is_json() -> None:
     history = working_hours(16)
     one = choose(history, BASE, time_zone=LONDON)
     assert one == choose(history, BASE, time_zone=LONDON)
-    assert Recipe.from_text(one.recipe.to_text()) == one.recipe
+    assert Recipe.from_dict(json.loads(json.dumps(one.recipe.as_dict()))) == one.recipe
     assert sum(prior.weight for prior in one.priors) == pytest.approx(1)
 
 
