@@ -7,7 +7,7 @@ import pytest
 
 from tests.bench import __main__ as bench
 from tests.bench import databases, observing
-from tests.bench.figures import million
+from tests.bench.figures import million, year_update
 from tests.bench.timing import Figure, quantile
 
 
@@ -30,6 +30,12 @@ def test_a_large_map_is_made_updated_and_loaded() -> None:
     found = line(million.measure((16, 16, 8)))
     assert found["cells"] == 2048
     assert found["estimator"] in ("calendar", "fft", "static")
+
+
+@pytest.mark.slow
+def test_a_year_is_updated_by_a_server() -> None:
+    found = line(year_update.measure((16, 8, 8)))
+    assert (found["state"], found["cells"], found["samples"]) == ("done", 1024, 105_120)
 
 
 def test_every_figure_says_what_it_is_and_measures_it() -> None:
