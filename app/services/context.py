@@ -9,6 +9,7 @@ from app.errors import CorruptChunkError
 from app.events.bus import Bus
 from app.services.caches import ByteCache
 from app.services.damage import Damage
+from app.services.places import Places
 from app.settings import Settings
 from app.spectral.history import History
 from app.spectral.spectrum import Spectrum
@@ -26,7 +27,7 @@ class Loaded:
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """The store, the bus, the caches and the known damage of one process. `clock` gives Unix seconds."""
+    """The store, the bus, the caches, the known damage and locations of one process. `clock` gives Unix seconds."""
 
     settings: Settings
     store: Store
@@ -35,6 +36,7 @@ class Context:
     histories: ByteCache[History]
     tails: ByteCache[Tail]
     damage: Damage
+    places: Places
     clock: Callable[[], float]
 
 
@@ -51,6 +53,7 @@ def open_context(settings: Settings, clock: Callable[[], float] = time.time) -> 
             ByteCache(settings.history_cache_bytes, lambda value: value.observed.nbytes + value.occupied.nbytes),
             ByteCache(settings.history_cache_bytes // 2, tail_bytes),
             Damage(),
+            Places(),
             clock,
         )
     finally:

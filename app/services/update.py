@@ -83,7 +83,7 @@ def run_update(
     if not damage:
         ctx.damage.forget(plan.place.id)
     record = _revision(ctx, plan, 1 - wrong / observed if observed else None)
-    ctx.store.write(lambda work: work.spectra.publish(record))
+    ctx.store.write(lambda work: work.spectra.publish(record), lambda _: ctx.places.forget())
     ctx.spectra.drop(lambda key: isinstance(key, tuple) and key[0] == plan.place.id)
     return record
 

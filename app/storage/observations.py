@@ -1,6 +1,6 @@
 """The repository of the observation log and of the compacted history."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import takewhile
@@ -23,7 +23,7 @@ from sqlalchemy import (
     update,
 )
 
-from app.errors import CorruptChunkError, IdempotencyConflictError, LocationNotFoundError
+from app.errors import CorruptChunkError
 from app.spectral.measurements import Measurements
 from app.spectral.segment import SEGMENT_SAMPLES, Segment, forget, merge, standing
 from app.storage.blobs import pack_segment, unpack_measurements, unpack_segment
@@ -55,23 +55,27 @@ class Observations:
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
 
-    def find_duplicate(self, place: LocationRecord, key: str, body_hash: bytes) -> bool:
-        """Whether this key is stored with this body. Raises IdempotencyConflictError with another body."""
-        row = self._connection.execute(_BY_KEY, {"place": place.id, "key": key}).first()
-        if row is None:
-            return False
-        if row.body_hash != body_hash:
-            raise IdempotencyConflictError(key)
-        return True
+    def digests(self, location_id: int, keys: Sequence[str]) -> dict[str, bytes]:
+        """The digest of the body that each of the idempotency keys was used for; unused ones are left out."""
+        rows = self._connection.execute(_BY_KEY, {"place": location_id, "keys": keys}) if keys else ()
+        return {row.idempotency_key: row.body_hash for row in rows}
 
-    def append(self, place: LocationRecord, record: ObservationRecord) -> int:
-        """Append to the log; the new observation's number. LocationNotFoundError when it was deleted meanwhile."""
-        more = {"place": place.id, "more": record.measurements, "first": record.first_time, "last": record.last_time}
+    def append(self, location_id: int, records: Sequence[ObservationRecord]) -> int | None:
+        """Append to the log; the number of the first, which the others follow. None where the location is gone."""
+        more = {
+            "place": location_id,
+            "count": len(records),
+            "more": sum(record.measurements for record in records),
+            "first": min(record.first_time for record in records),
+            "last": max(record.last_time for record in records),
+        }
         number = self._connection.execute(_NUMBER, more).scalar()
         if number is None:
-            raise LocationNotFoundError(place.name)
-        self._connection.execute(_APPEND, {"location_id": place.id, "id": number, **vars(record)})
-        return int(number)
+            return None
+        first = int(number) - len(records) + 1
+        rows = [{"location_id": location_id, "id": first + i, **vars(record)} for i, record in enumerate(records)]
+        self._connection.execute(_APPEND, rows)
+        return first
 
     def tail(
         self,
@@ -270,14 +274,15 @@ def _unless(column: Column[float], passed: ColumnElement[bool], value: BindParam
 
 # Statements of every post, built once: building one takes longer than running it.
 _FIRST, _LAST = bindparam("first", type_=Float(53)), bindparam("last", type_=Float(53))
-_BY_KEY = select(observation.c.body_hash).where(
-    observation.c.location_id == bindparam("place"), observation.c.idempotency_key == bindparam("key")
+_BY_KEY = select(observation.c.idempotency_key, observation.c.body_hash).where(
+    observation.c.location_id == bindparam("place"),
+    observation.c.idempotency_key.in_(bindparam("keys", expanding=True)),
 )
 _NUMBER = (
     update(location)
     .where(location.c.id == bindparam("place"))
     .values(
-        observation_seq=location.c.observation_seq + 1,
+        observation_seq=location.c.observation_seq + bindparam("count"),
         measurements=location.c.measurements + bindparam("more"),
         first_time=_unless(location.c.first_time, location.c.first_time > _FIRST, _FIRST),
         last_time=_unless(location.c.last_time, location.c.last_time < _LAST, _LAST),

@@ -13,7 +13,7 @@ from app.storage.engine import open_reader, open_writer
 from app.storage.migrate import check_version, current_version, migrate
 from app.storage.trouble import Trouble, means_trouble
 from app.storage.work import Work
-from app.storage.writer import Writer
+from app.storage.writer import Item, RunAll, Writer
 
 Result = TypeVar("Result")
 
@@ -98,6 +98,12 @@ class Store:
     def submit(self, run: Callable[[Work], Result], then: Callable[[Result], None] | None = None) -> Future[Result]:
         """Queue a write; see `Writer.submit`."""
         return self._writer.submit(run, then)
+
+    def submit_item(
+        self, run_all: RunAll[Item, Result], item: Item, then: Callable[[Result], None] | None = None
+    ) -> Future[Result]:
+        """Queue an item that is written together with others; see `Writer.submit_item`."""
+        return self._writer.submit_item(run_all, item, then)
 
     def write(self, run: Callable[[Work], Result], then: Callable[[Result], None] | None = None) -> Result:
         """Queue a write and wait until it is durable; `then` as in `Writer.submit`."""

@@ -1,30 +1,35 @@
 """The one writer: a thread that takes writes from a bounded queue and commits them in groups."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
+from itertools import groupby
 from queue import Empty, Full, Queue
 from threading import Lock, Thread
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar
 
 from sqlalchemy import Connection, Engine
 from sqlalchemy.exc import DBAPIError
 
-from app.errors import QueueFullError, ShuttingDownError, StorageUnavailableError
+from app.errors import QueueFullError, ShuttingDownError, StorageUnavailableError, TidemapError
 from app.storage.checkpoint import Checkpoints
 from app.storage.counters import take
 from app.storage.trouble import Trouble, means_trouble
 from app.storage.work import Work
 
 log = logging.getLogger(__name__)
+Item = TypeVar("Item")
 Result = TypeVar("Result")
+RunAll: TypeAlias = Callable[[Work, Sequence[Item]], Sequence[Result | TidemapError]]
+"""Writes many items at once; of each its result, or why nothing of it was written."""
 
 
 @dataclass(frozen=True, slots=True)
-class _Write(Generic[Result]):
-    run: Callable[[Work], Result]
+class _Write(Generic[Item, Result]):
+    run_all: RunAll[Item, Result]
+    item: Item
     then: Callable[[Result], None] | None
     future: Future[Result]
 
@@ -37,7 +42,7 @@ class Writer:
     def __init__(self, engine: Engine, queue_length: int, batch: int) -> None:
         self._engine = engine
         self._batch = batch
-        self._queue: Queue[_Write[Any] | None] = Queue(queue_length)
+        self._queue: Queue[_Write[Any, Any] | None] = Queue(queue_length)
         self.trouble = Trouble("written")
         self._gate = Lock()
         self._closed = False
@@ -54,12 +59,18 @@ class Writer:
         the commits; it should be quick.
         Raises QueueFullError, ShuttingDownError.
         """
+        return self.submit_item(_each, run, then)
+
+    def submit_item(
+        self, run_all: RunAll[Item, Result], item: Item, then: Callable[[Result], None] | None = None
+    ) -> Future[Result]:
+        """As `submit`, of an item that is written together with those beside it that have the same `run_all`."""
         future: Future[Result] = Future()
         with self._gate:
             if self._closed:
                 raise ShuttingDownError
             try:
-                self._queue.put_nowait(_Write(run, then, future))
+                self._queue.put_nowait(_Write(run_all, item, then, future))
             except Full:
                 raise QueueFullError from None
         return future
@@ -91,10 +102,10 @@ class Writer:
         except Exception:
             log.exception("the log file of the database was not shortened")
 
-    def _next_group(self) -> tuple[list[_Write[Any]], bool]:
+    def _next_group(self) -> tuple[list[_Write[Any, Any]], bool]:
         """The writes that wait, and whether there may be more."""
         item = self._queue.get()
-        group: list[_Write[Any]] = []
+        group: list[_Write[Any, Any]] = []
         while item is not None:
             if item.future.set_running_or_notify_cancel():
                 group.append(item)
@@ -106,18 +117,19 @@ class Writer:
                 return group, True
         return group, False
 
-    def _commit(self, group: list[_Write[Any]]) -> None:
+    def _commit(self, group: list[_Write[Any, Any]]) -> None:
         """Settle every future, whatever happens: nobody waits for ever, and this thread goes on."""
         if self.trouble.reason is not None or not self._commit_together(group):
             self._commit_apart(group)
 
-    def _commit_together(self, group: list[_Write[Any]]) -> bool:
+    def _commit_together(self, group: list[_Write[Any, Any]]) -> bool:
         """Store a group as one; False, and nothing stored, where one of its writes fails, as hardly ever one does."""
         results: list[Any] = []
         try:
             with self._engine.begin() as connection:
                 work = Work.on(connection)
-                results.extend(write.run(work) for write in group)
+                for part in _parts(group):
+                    results.extend(part[0].run_all(work, [write.item for write in part]))
         except BaseException as error:
             lost = isinstance(error, DBAPIError) and error.connection_invalidated
             if len(results) < len(group) and not lost:
@@ -129,7 +141,7 @@ class Writer:
                 _finish(write, result)
         return True
 
-    def _commit_apart(self, group: list[_Write[Any]], again: bool = True) -> None:
+    def _commit_apart(self, group: list[_Write[Any, Any]], again: bool = True) -> None:
         """Store what can be stored of a group, each write behind a savepoint, which costs as much as a small write."""
         try:
             with self._engine.begin() as connection:
@@ -144,7 +156,7 @@ class Writer:
         for each in settle:
             each()
 
-    def _run(self, connection: Connection, write: _Write[Any], again: bool) -> Callable[[], None]:
+    def _run(self, connection: Connection, write: _Write[Any, Any], again: bool) -> Callable[[], None]:
         """Run a write in a savepoint; returns what settles its future once the group is durable.
 
         Raises where the transaction has ended under it, as it does when the connection is lost and, in SQLite, when
@@ -152,7 +164,7 @@ class Writer:
         """
         savepoint = connection.begin_nested()
         try:
-            result = write.run(Work.on(connection))
+            (result,) = write.run_all(Work.on(connection), [write.item])
             savepoint.commit()
         except DBAPIError as error:
             if error.connection_invalidated:
@@ -171,7 +183,7 @@ class Writer:
             return partial(write.future.set_exception, error)
         return partial(_finish, write, result)
 
-    def _refuse(self, group: list[_Write[Any]], error: BaseException) -> None:
+    def _refuse(self, group: list[_Write[Any, Any]], error: BaseException) -> None:
         self._failed(f"a group of {len(group)} writes was not stored", error)
         for write in group:
             write.future.set_exception(StorageUnavailableError())
@@ -186,7 +198,21 @@ class Writer:
             log.error("%s: %s", what, " ".join(str(error.orig).split()))
 
 
-def _finish(write: _Write[Result], result: Result) -> None:
+def _each(work: Work, runs: Sequence[Callable[[Work], Result]]) -> list[Result]:
+    """Writes that have nothing in common."""
+    return [run(work) for run in runs]
+
+
+def _parts(group: list[_Write[Any, Any]]) -> Iterator[list[_Write[Any, Any]]]:
+    """Neighbours that are written together."""
+    for _, part in groupby(group, key=lambda write: write.run_all):
+        yield list(part)
+
+
+def _finish(write: _Write[Item, Result], result: Result | TidemapError) -> None:
+    if isinstance(result, TidemapError):
+        write.future.set_exception(result)
+        return
     try:
         if write.then is not None:
             write.then(result)

@@ -9,7 +9,8 @@ from app.ingest.observation import ARROW, Body
 from app.schemas.locations import LocationForm
 from app.services.context import Context
 from app.services.locations import create_location, find_location
-from app.services.observe import Post, observe
+from app.services.observe import observe
+from app.services.posts import Post
 from app.services.update import UpdateRequest, run_update
 from app.workers.executors import LocalExecutor
 

@@ -5,7 +5,8 @@ from threading import Event
 
 from app.ingest.observation import ARROW, Body, Target, parse
 from app.services.context import Context
-from app.services.observe import Post, begin
+from app.services.observe import begin
+from app.services.posts import Post
 from app.space.grid import Grid
 from app.storage.blobs import pack_measurements
 from tests.bench import lab

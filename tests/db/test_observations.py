@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from sqlalchemy import select, update
 
-from app.errors import CorruptChunkError, IdempotencyConflictError, LocationNotFoundError
+from app.errors import CorruptChunkError
 from app.services.context import Context
 from app.services.locations import delete_location, find_location
 from app.spectral.segment import Segment
@@ -35,7 +35,7 @@ def record_of(rows: list[Row], key: str | None = None, digest: bytes = b"body") 
 
 
 def append(store: Store, place: LocationRecord, rows: list[Row], key: str | None = None) -> int:
-    return store.write(lambda work: work.observations.append(place, record_of(rows, key)))
+    return store.write(lambda work: work.observations.append(place.id, [record_of(rows, key)])) or 0
 
 
 def now(store: Store, place: LocationRecord) -> LocationRecord:
@@ -68,8 +68,19 @@ def test_statistics_follow_early_late_and_repeated_times(store: Store, place: Lo
 
 def test_a_deleted_location_takes_no_observation(store: Store, place: LocationRecord) -> None:
     store.write(lambda work: work.locations.delete("door"))
-    with pytest.raises(LocationNotFoundError):
-        append(store, place, [(0.0, 0, 1)])
+    assert append(store, place, [(0.0, 0, 1)]) == 0
+    with store.read() as work:
+        assert work.observations._connection.execute(select(observation)).all() == []
+
+
+def test_many_observations_are_appended_at_once(store: Store, place: LocationRecord) -> None:
+    append(store, place, [(60.0, 0, 1)])
+    looks = [record_of([(60.0 * n, 0, 1), (600.0 - n, 0, 0)], f"k{n}") for n in range(2, 5)]
+    assert store.write(lambda work: work.observations.append(place.id, looks)) == 2
+    after = now(store, place)
+    assert (after.observation_seq, after.measurements, after.first_time, after.last_time) == (4, 7, 60.0, 598.0)
+    with store.read() as work:
+        assert [number for number, _ in work.observations.tail(after).parts] == [1, 2, 3, 4]
 
 
 def test_an_idempotency_key_stands_for_one_body_at_one_location(store: Store, place: LocationRecord) -> None:
@@ -78,11 +89,9 @@ def test_an_idempotency_key_stands_for_one_body_at_one_location(store: Store, pl
     append(store, place, [(0.0, 0, 1)])
     append(store, place, [(0.0, 0, 1)])
     with store.read() as work:
-        assert work.observations.find_duplicate(place, "k1", b"body")
-        assert not work.observations.find_duplicate(place, "k2", b"body")
-        assert not work.observations.find_duplicate(other, "k1", b"another")
-        with pytest.raises(IdempotencyConflictError, match="'k1' was used for another body"):
-            work.observations.find_duplicate(place, "k1", b"another")
+        assert work.observations.digests(place.id, ["k1", "k2"]) == {"k1": b"body"}
+        assert work.observations.digests(other.id, ["k1"]) == {}
+        assert work.observations.digests(place.id, []) == {}
 
 
 def test_the_tail_is_what_is_not_compacted(store: Store, place: LocationRecord) -> None:
@@ -130,7 +139,7 @@ def test_compaction_keeps_the_row_of_an_observation_for_its_key(store: Store, pl
     append(store, place, [(0.0, 0, 1)], "k1")
     store.write(lambda work: work.observations.compact(now(store, place), 1, {}))
     with store.read() as work:
-        assert work.observations.find_duplicate(place, "k1", b"body")
+        assert work.observations.digests(place.id, ["k1"]) == {"k1": b"body"}
         payloads = work.observations._connection.execute(select(observation.c.payload)).scalars().all()
     assert payloads == [None]
 

@@ -1,6 +1,6 @@
 """The one writer: groups, failures inside a group and of a whole one, limits, and the end."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from sqlalchemy import Connection, Engine, event, insert, select, text
 
-from app.errors import KeyNotFoundError, QueueFullError, ShuttingDownError, StorageUnavailableError
+from app.errors import KeyNotFoundError, QueueFullError, ShuttingDownError, StorageUnavailableError, TidemapError
 from app.storage.engine import open_reader, open_writer
 from app.storage.records import LocationRecord
 from app.storage.store import Store
@@ -231,8 +231,8 @@ def test_two_processes_in_each_others_way_both_get_through(database_url: str) ->
     places = [stores[0].write(lambda work, n=n: work.locations.create({**VALUES, "name": f"d{n}"})) for n in range(2)]
 
     def append(place: LocationRecord, then: Event | None = None) -> Run:
-        def run(work: Work) -> int:
-            number = work.observations.append(place, record_of([(0.0, 0, 1)]))
+        def run(work: Work) -> int | None:
+            number = work.observations.append(place.id, [record_of([(0.0, 0, 1)])])
             if then is not None:
                 then.wait(0.3)
             return number
@@ -408,3 +408,34 @@ def test_a_log_file_that_readers_kept_open_is_emptied_when_they_let_go(
     store.write(key("after"))
     store.write(key("and after its care"))
     assert log.stat().st_size < 50_000
+
+
+def test_items_beside_each_other_are_written_at_once_and_each_refused_for_itself(
+    writer: Writer, database_url: str
+) -> None:
+    calls: list[list[str]] = []
+
+    def make_all(work: Work, wanted: Sequence[str]) -> list[str | TidemapError]:
+        calls.append(list(wanted))
+        return [key(name)(work) if name != "refused" else KeyNotFoundError(7) for name in wanted]
+
+    with held(writer):
+        futures: list[Future[Any]] = [writer.submit_item(make_all, name) for name in ("a", "refused")]
+        futures += [writer.submit(key("b")), writer.submit_item(make_all, "c")]
+    assert [future.exception(WAIT_S) is None for future in futures] == [True, False, True, True]
+    assert isinstance(futures[1].exception(), KeyNotFoundError)
+    assert calls == [["a", "refused"], ["c"]]
+    assert names(database_url) == ["a", "b", "c"]
+
+
+def test_an_item_that_fails_takes_no_other_along(writer: Writer, database_url: str) -> None:
+    def make_all(work: Work, wanted: Sequence[str]) -> list[str]:
+        made = [key(name)(work) for name in wanted]
+        if "bad" in wanted:
+            raise ValueError
+        return made
+
+    with held(writer):
+        futures = [writer.submit_item(make_all, name) for name in ("a", "bad", "b")]
+    assert [type(future.exception(WAIT_S)) for future in futures] == [type(None), ValueError, type(None)]
+    assert names(database_url) == ["a", "b"]

@@ -12,7 +12,8 @@ from app.schemas.locations import Location, LocationForm
 from app.services.context import Context, open_context
 from app.services.history import compact, read_history
 from app.services.locations import create_location, find_location
-from app.services.observe import Observed, Post, observe
+from app.services.observe import observe
+from app.services.posts import Observed, Post
 from app.services.update import UpdateRequest, run_update
 from app.settings import Settings
 from app.spectral.history import History

@@ -15,7 +15,8 @@ from app.schemas.common import Text
 from app.schemas.observations import Accepted, GridObservations, StateObservations
 from app.services.context import Context
 from app.services.keys import Principal
-from app.services.observe import Observed, Post, begin
+from app.services.observe import begin
+from app.services.posts import Observed, Post
 
 router = APIRouter(prefix="/locations/{name}/observations", tags=["observations"])
 

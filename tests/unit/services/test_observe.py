@@ -1,5 +1,8 @@
 """Observe: stored once, judged by what was expected, told after it is durable."""
 
+from concurrent.futures import wait
+from threading import Event
+
 import numpy as np
 import pytest
 
@@ -9,14 +12,18 @@ from app.errors import (
     LocationNotFoundError,
     QueueFullError,
     StorageUnavailableError,
+    UnauthorizedError,
     UnsupportedMediaTypeError,
 )
 from app.events.messages import Message
 from app.ingest.observation import JSON, Body
+from app.schemas.locations import LocationPatch
 from app.services.anomalies import EventQuery, list_events
 from app.services.context import Context
-from app.services.locations import find_location, get_location
-from app.services.observe import Post, observe
+from app.services.keys import Claim, Principal
+from app.services.locations import change_location, delete_location, find_location, get_location
+from app.services.observe import begin, observe
+from app.services.posts import Post
 from tests.support.contexts import NOW, history_of, make_location, post_rows, post_states, refit
 
 
@@ -144,7 +151,7 @@ def test_what_could_not_be_stored_is_not_told(ctx: Context, monkeypatch: pytest.
     def refuse(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr("app.storage.store.Store.submit", refuse)
+    monkeypatch.setattr("app.storage.store.Store.submit_item", refuse)
     with pytest.raises(type(error)):
         post_states(ctx, "door", [0.0], [1])
     assert heard == []
@@ -154,3 +161,67 @@ def test_times_of_all_signs_and_fractions_fall_into_their_samples(ctx: Context) 
     make_location(ctx, "door", interval_s=0.25, epoch=0.125)
     post_states(ctx, "door", [-0.125, 0.0, 0.125, 0.374, 0.375], [1, 0, 1, 1, 0])
     assert history_of(ctx, "door", 0, -2, 3).states().tolist() == [[2, 0, 1, 0, 2]]
+
+
+def opened(time_s: float, key: str | None, claim: Claim | None = None) -> Post:
+    return Post(Body(b'{"time": [%.1f], "state": [1]}' % time_s, JSON), None, key, claim)
+
+
+def test_of_posts_in_one_group_only_those_that_are_wrong_are_refused(ctx: Context) -> None:
+    learned_door(ctx)
+    make_location(ctx, "gate")
+    make_location(ctx, "attic")
+    stranger = Claim(Principal("gone", "robot", 7), b"nobody's")
+    post_states(ctx, "door", [5000.0], [0], idempotency_key="old")
+    posts = [
+        ("door", opened(6000.0, "new")),
+        ("attic", opened(60.0, None)),
+        ("door", opened(6000.0, "new")),
+        ("gate", opened(60.0, "new")),
+        ("door", opened(6060.0, "new")),
+        ("door", opened(6120.0, "old")),
+        ("door", opened(6180.0, None, stranger)),
+        ("door", opened(6240.0, None)),
+    ]
+    go_on = Event()
+    ctx.store.submit(lambda _: go_on.wait(10))
+    deleted = ctx.store.submit(lambda work: work.locations.delete("attic"))
+    futures = [begin(ctx, name, post) for name, post in posts]
+    go_on.set()
+    wait([*futures, deleted], 10)
+    refused = [type(future.exception()) for future in futures]
+    assert refused == [
+        type(None),
+        LocationNotFoundError,
+        type(None),
+        type(None),
+        IdempotencyConflictError,
+        IdempotencyConflictError,
+        UnauthorizedError,
+        type(None),
+    ]
+    first, again, gate, last = (futures[n].result() for n in (0, 2, 3, 7))
+    assert (first.number, len(first.anomalies), again.duplicate, again.anomalies) == (3, 1, True, [])
+    assert (gate.location, gate.number, last.number, len(last.anomalies)) == ("gate", 1, 4, 1)
+    assert get_location(ctx, "door").observations == 103
+    stored = list_events(ctx, EventQuery())
+    assert [event.id for event in stored] == [first.anomalies[0].id, last.anomalies[0].id]
+
+
+def test_a_post_goes_by_what_its_location_is_now(ctx: Context) -> None:
+    """Locations are remembered between posts; whatever changes one is noticed by the next."""
+    learned_door(ctx)
+    assert len(post_states(ctx, "door", [6000.0], [1]).anomalies) == 1
+    change_location(ctx, "door", LocationPatch(estimator="fft", confidence=0.5))
+    assert post_states(ctx, "door", [6060.0], [1]).anomalies[0].confidence == 0.5
+    refit(ctx, "door")
+    assert post_states(ctx, "door", [6120.0], [1]).revision == 2
+    change_location(ctx, "door", LocationPatch(name="gate"))
+    with pytest.raises(LocationNotFoundError):
+        post_states(ctx, "door", [6180.0], [1])
+    assert post_states(ctx, "gate", [6180.0], [1]).location == "gate"
+    delete_location(ctx, "gate")
+    with pytest.raises(LocationNotFoundError):
+        post_states(ctx, "gate", [6240.0], [1])
+    make_location(ctx, "gate")
+    assert post_states(ctx, "gate", [6240.0], [1]).number == 1

@@ -1,0 +1,118 @@
+"""Posts: what was sent, what became of it, and storing many of them in one transaction."""
+
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from app.errors import IdempotencyConflictError, LocationNotFoundError, TidemapError, UnauthorizedError
+from app.ingest.observation import Body
+from app.schemas.anomalies import Event
+from app.services.anomalies import wire
+from app.services.keys import Claim, confirm
+from app.storage.records import AnomalyRecord, LocationRecord, ObservationRecord
+from app.storage.work import Work
+
+
+@dataclass(frozen=True, slots=True)
+class Post:
+    """A body with what its sender says about it, and who that is where it has not been made sure of yet."""
+
+    body: Body
+    source: str | None = None
+    idempotency_key: str | None = None
+    claim: Claim | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Observed:
+    """What became of a post; events carry their ids. A duplicate has no number of its own."""
+
+    location: str
+    number: int
+    accepted: int
+    duplicate: bool
+    first_time: float | None
+    last_time: float | None
+    anomalies: list[Event]
+    revision: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Entry:
+    """A post that is parsed and judged: what is to be stored of it."""
+
+    place: LocationRecord
+    post: Post
+    record: ObservationRecord
+    events: list[AnomalyRecord]
+
+
+Outcome = Observed | TidemapError
+
+
+def store_all(work: Work, entries: Sequence[Entry]) -> list[Outcome]:
+    """Store what has not been stored yet of some posts, in their order; of each what became of it.
+
+    Of one whose sender is not known any more, whose key was used for another body or whose location is gone, it is
+    the error, and nothing is stored. Locations are locked in the order of their ids, so that no two processes wait
+    for each other.
+    """
+    outcome: dict[Entry, Outcome] = {}
+    claims = {entry.post.claim: _confirmed(work, entry.post.claim) for entry in entries}
+    for place_id, group in sorted(_by_place(entries).items()):
+        fresh = []
+        known = work.observations.digests(place_id, [key for entry in group if (key := entry.record.idempotency_key)])
+        for entry in group:
+            settled = claims[entry.post.claim] or _settled(entry, known)
+            if settled is None:
+                fresh.append(entry)
+            else:
+                outcome[entry] = settled
+        outcome |= _append(work, place_id, fresh)
+    return [outcome[entry] for entry in entries]
+
+
+def _by_place(entries: Sequence[Entry]) -> dict[int, list[Entry]]:
+    groups = defaultdict(list)
+    for entry in entries:
+        groups[entry.place.id].append(entry)
+    return groups
+
+
+def _confirmed(work: Work, claim: Claim | None) -> UnauthorizedError | None:
+    """What is wrong with a claim."""
+    try:
+        if claim is not None:
+            confirm(work, claim)
+    except UnauthorizedError as error:
+        return error
+    return None
+
+
+def _settled(entry: Entry, known: dict[str, bytes]) -> Outcome | None:
+    """What becomes of a post whose key was used before; None of a new one, whose key is known from now on."""
+    key, digest = entry.record.idempotency_key, entry.record.body_hash
+    if key is None or digest is None:
+        return None
+    if key not in known:
+        known[key] = digest
+        return None
+    if known[key] != digest:
+        return IdempotencyConflictError(key)
+    return Observed(entry.place.name, 0, 0, True, None, None, [], entry.place.revision)
+
+
+def _append(work: Work, place_id: int, entries: Sequence[Entry]) -> Iterable[tuple[Entry, Outcome]]:
+    """Append new posts of one location, with their events."""
+    if not entries:
+        return
+    first = work.observations.append(place_id, [entry.record for entry in entries])
+    if first is None:
+        yield from ((entry, LocationNotFoundError(entry.place.name)) for entry in entries)
+        return
+    events = iter(work.anomalies.append([event for entry in entries for event in entry.events]))
+    for number, entry in enumerate(entries, first):
+        record, place = entry.record, entry.place
+        stored = [wire(place, next(events)) for _ in entry.events]
+        times = (record.first_time, record.last_time)
+        yield entry, Observed(place.name, number, record.measurements, False, *times, stored, place.revision)

@@ -1,0 +1,55 @@
+"""Places: what was read is believed for a moment, and no longer than until something changes."""
+
+from typing import Any, cast
+
+from app.services.places import BELIEVED_S, Places
+from app.storage.records import LocationRecord
+
+
+class Readings:
+    """A table of locations that counts how often it is read."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.now = 0.0
+        self.places = Places(lambda: self.now, most=3)
+
+    def read(self, name: str) -> LocationRecord:
+        self.count += 1
+        return cast(LocationRecord, (name, self.count))
+
+    def get(self, name: str = "door") -> Any:
+        return self.places.get(name, self.read)
+
+
+def test_a_record_is_read_once_in_a_while() -> None:
+    readings = Readings()
+    assert readings.get() == readings.get() == ("door", 1)
+    readings.now += BELIEVED_S
+    assert readings.get() == ("door", 2)
+
+
+def test_after_a_change_it_is_read_anew() -> None:
+    readings = Readings()
+    readings.get()
+    readings.places.forget()
+    assert readings.get() == ("door", 2)
+
+
+def test_what_was_read_before_a_change_is_not_believed_after_it() -> None:
+    readings = Readings()
+
+    def read(name: str) -> LocationRecord:
+        record = readings.read(name)
+        readings.places.forget()
+        return record
+
+    assert readings.places.get("door", read) == ("door", 1)
+    assert readings.get() == ("door", 2)
+
+
+def test_so_many_are_known_and_no_more() -> None:
+    readings = Readings()
+    for name in ("a", "b", "c", "d", "a", "d"):
+        readings.get(name)
+    assert readings.count == 5
