@@ -1,11 +1,11 @@
 """Reading posted observations: JSON, Arrow and npy bodies to measurements, columnar, refusing what is wrong by name."""
 
-import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
+import xxhash
 from numpy.typing import NDArray
 
 from app.errors import InvalidInputError, UnsupportedMediaTypeError
@@ -33,8 +33,8 @@ class Body:
 
     @cached_property
     def digest(self) -> bytes:
-        """What tells two bodies apart."""
-        digest = hashlib.sha256(self.media_type.encode() + b"\0")
+        """What tells two bodies apart, 128 bits; a fifth of the cost of SHA-256, and no secret hangs on it."""
+        digest = xxhash.xxh3_128(self.media_type.encode() + b"\0")
         digest.update(self.content)
         return digest.digest()
 
@@ -68,14 +68,28 @@ def parse(body: Body, target: Target) -> Measurements:
     columns = reader(body.content, target.kind, target.grid)
     if not len(columns.time):
         raise InvalidInputError.at(columns.whole, "there is no measurement in it; send at least one")
-    for start in range(0, len(columns.time), BLOCK):
-        _check(columns, start, target)
+    if not _plausible(columns, target):
+        for start in range(0, len(columns.time), BLOCK):
+            _check(columns, start, target)
     measurements = Measurements(
         columns.time, columns.cell.astype(np.uint32, copy=False), columns.state.astype(np.uint8, copy=False)
     ).in_order()
     if _contradict(measurements).any():
         raise InvalidInputError.at(_contradiction(columns), "this cell is both occupied and free at the same time")
     return measurements
+
+
+def _plausible(columns: Columns, target: Target) -> bool:
+    """Whether no measurement is to be refused; by the extremes alone, among which a NaN is NaN."""
+    time, cell, state = columns.time, columns.cell, columns.state
+    return bool(
+        time.min() >= -FARTHEST_S
+        and time.max() <= target.latest
+        and state.min() >= 0
+        and state.max() <= 1
+        and cell.min() >= 0
+        and cell.max() < target.grid.n_cells
+    )
 
 
 def _check(columns: Columns, start: int, target: Target) -> None:

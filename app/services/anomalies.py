@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +13,10 @@ from app.services.context import Context
 from app.services.history import read_history, window
 from app.services.spectra import Fitted, fitted
 from app.space.regions import label_regions
-from app.spectral.anomaly import Rule, is_anomalous, surprise
+from app.spectral.anomaly import Rule, is_anomalous, surprise, surprising
 from app.spectral.history import UNOBSERVED
 from app.spectral.measurements import Measurements
-from app.spectral.prediction import predict, predict_times
+from app.spectral.prediction import predict_times
 from app.spectral.spectrum import Spectrum
 from app.storage.anomalies import EventFilter
 from app.storage.records import CHUNK_CELLS, AnomalyRecord, LocationRecord
@@ -36,10 +37,6 @@ class Marks:
     state: NDArray[np.uint8]
     probability: NDArray[np.float32]
 
-    def select(self, rows: NDArray[np.bool_]) -> "Marks":
-        """Some of them."""
-        return Marks(self.sample[rows], self.cell[rows], self.state[rows], self.probability[rows])
-
 
 @dataclass(frozen=True, slots=True)
 class Criterion:
@@ -53,18 +50,16 @@ class Criterion:
 def judge(place: LocationRecord, spectrum: Spectrum, measurements: Measurements) -> list[AnomalyRecord]:
     """The events among new measurements, in order, judged by rule `surprise` at the location's confidence."""
     sample, standing = _standing(place, measurements)
-    cell, state = standing.cell.astype(np.int64), standing.state
-    probability = _probabilities(place, spectrum, sample, cell)
     criterion = Criterion(place.confidence, "surprise", place.revision)
-    marked = is_anomalous(probability, state, criterion.confidence, criterion.rule)
-    marks = Marks(sample[marked], cell[marked], state[marked], probability[marked])
+    rows, probability = _surprising(place, spectrum, sample, standing)
+    marks = Marks(sample[rows], standing.cell[rows].astype(np.int64), standing.state[rows], probability)
     return group(place, marks, criterion)
 
 
 def _standing(place: LocationRecord, measurements: Measurements) -> tuple[NDArray[np.int64], Measurements]:
     """The measurements that stand among these, which are in order, by sample and cell, and their samples."""
     sample, ordered = measurements.samples(place.base), measurements
-    heads = measurements.heads()
+    heads = measurements.heads
     if len(np.unique(sample[heads])) < len(heads):
         order = np.lexsort((ordered.state, ordered.time, ordered.cell, sample))
         sample, ordered = sample[order], ordered.select(order)
@@ -73,34 +68,39 @@ def _standing(place: LocationRecord, measurements: Measurements) -> tuple[NDArra
     return (sample, ordered) if last.all() else (sample[last], ordered.select(last))
 
 
-def _probabilities(
-    place: LocationRecord, spectrum: Spectrum, sample: NDArray[np.int64], cell: NDArray[np.int64]
-) -> NDArray[np.float32]:
-    """p of each (sample, cell), samples ascending."""
+def _surprising(
+    place: LocationRecord, spectrum: Spectrum, sample: NDArray[np.int64], standing: Measurements
+) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """The rows that are surprising, of measurements by sample and cell, and their probabilities."""
     if place.n_cells == 1:
-        return np.asarray(predict_times(spectrum, place.base.time(sample), np.array([0]))[0])
-    bounds = np.flatnonzero(np.diff(sample, prepend=np.iinfo(np.int64).min, append=np.iinfo(np.int64).max))
-    time = place.base.time(sample[bounds[:-1]])
-    parts = [
-        predict(spectrum, at, cell[begin:end])
-        for at, begin, end in zip(time.tolist(), bounds[:-1].tolist(), bounds[1:].tolist(), strict=True)
-    ]
-    return np.concatenate(parts) if parts else np.empty(0, np.float32)
+        p = predict_times(spectrum, place.base.time(sample), [0])[0]
+        rows = np.flatnonzero(is_anomalous(p, standing.state, place.confidence))
+        return rows, p[rows]
+    heads = [0, *(np.flatnonzero(sample[1:] != sample[:-1]) + 1).tolist()]
+    found = []
+    for begin, end in pairwise([*heads, len(sample)]):
+        part = slice(begin, end)
+        time = float(place.base.time(sample[begin]))
+        rows, p = surprising(spectrum, time, standing.cell[part], standing.state[part], place.confidence)
+        found.append((rows + begin, p))
+    return np.concatenate([rows for rows, _ in found]), np.concatenate([p for _, p in found])
 
 
 def group(place: LocationRecord, marks: Marks, criterion: Criterion) -> list[AnomalyRecord]:
     """Events: connected marks of one state, of at least `min_cells` cells; in order of their start."""
+    least = min(place.min_cells, place.n_cells)
+    if len(marks.cell) < least:
+        return []
     label = label_regions(place.cells, marks.sample, marks.cell, marks.state)
     # A region has no more cells than marks: what is too small is not looked at any further.
-    least = min(place.min_cells, place.n_cells)
-    large = np.bincount(label)[label] >= least if len(label) else np.zeros(0, np.bool_)
-    label, marks = label[large], marks.select(large)
-    order = np.lexsort((marks.cell, label))
-    label, cell, sample, state = label[order], marks.cell[order], marks.sample[order], marks.state[order]
-    probability = marks.probability[order].astype(np.float64)
-    begin = np.flatnonzero(np.diff(label, prepend=-1))
-    if not len(begin):
+    large = np.bincount(label)[label] >= least
+    if not large.any():
         return []
+    rows = np.flatnonzero(large)
+    rows = rows[np.lexsort((marks.cell[rows], label[rows]))]
+    label, cell, sample, state = label[rows], marks.cell[rows], marks.sample[rows], marks.state[rows]
+    probability = marks.probability[rows].astype(np.float64)
+    begin = np.flatnonzero(np.diff(label, prepend=-1))
     columns = zip(
         place.base.time(np.minimum.reduceat(sample, begin)).tolist(),
         place.base.time(np.maximum.reduceat(sample, begin) + 1).tolist(),

@@ -48,8 +48,8 @@ class Grid:
 
     def bounding_box(self, cell: ArrayLike) -> tuple[float, ...]:
         """[x0, y0, z0, x1, y1, z1] in metres around some cells."""
-        axes = np.unravel_index(np.asarray(cell, np.int64), self.shape3)
-        corners = [int(axis.min()) for axis in axes] + [int(axis.max()) + 1 for axis in axes]
+        index = self.index(cell)
+        corners = [*index.min(axis=0).tolist(), *(index.max(axis=0) + 1).tolist()]
         return tuple(at * self.resolution_m + zero for at, zero in zip(corners, self.origin * 2, strict=True))
 
     def inside(self, box: tuple[float, ...], cell: NDArray[np.int64]) -> NDArray[np.bool_]:

@@ -14,6 +14,8 @@ HALF = WORD // 2
 CHUNK = 16
 """Bins looked at together; most chunks hold none of the greatest and cost one comparison."""
 
+NEAR = 4
+"""Rows that are looked at one by one before steps get longer."""
 GATHER_BITS = np.uint64(0x0102040810204080)
 """Times eight bytes of 0 or 1, this has them as the bits of its highest byte."""
 
@@ -113,6 +115,37 @@ def add_waves(
 
 
 @kernel
+def row_of(cell: NDArray[np.int32], wanted: int, row: int) -> int:
+    """The first row whose cell is not below `wanted`; looked for from `row` on, from the start if that is past it."""
+    if row > 0 and cell[row - 1] >= wanted:
+        row = 0
+    # Most often it is one of the next few, which cost less one by one.
+    for _ in range(NEAR):
+        if row >= cell.size or cell[row] >= wanted:
+            return row
+        row += 1
+    step = 1
+    while row + step < cell.size and cell[row + step] < wanted:
+        row += step
+        step *= 2
+    while step > 0:
+        if row + step <= cell.size and cell[row + step - 1] < wanted:
+            row += step
+        step //= 2
+    return row
+
+
+@kernel
+def wave_at(index: Index, coefficient: NDArray[np.complex64], phasor: NDArray[np.complex64], row: int) -> Any:
+    """Re Σ coefficient · phasor[index] of a row."""
+    total = np.float32(0)
+    for place in range(index.shape[1]):
+        wave, value = phasor[index[row, place]], coefficient[row, place]
+        total += value.real * wave.real - value.imag * wave.imag
+    return total
+
+
+@kernel
 def add_waves_of(
     wanted: NDArray[np.int64],
     cell: NDArray[np.int32],
@@ -124,22 +157,39 @@ def add_waves_of(
     """out (n,) += what `add_waves` adds to the cells `wanted` (n,); fast where these are ascending."""
     row = 0
     for i in range(wanted.size):
-        if row > 0 and cell[row - 1] >= wanted[i]:
-            row = 0
-        step = 1
-        while row + step < cell.size and cell[row + step] < wanted[i]:
-            row += step
-            step *= 2
-        while step > 0:
-            if row + step <= cell.size and cell[row + step - 1] < wanted[i]:
-                row += step
-            step //= 2
+        row = row_of(cell, wanted[i], row)
         if row < cell.size and cell[row] == wanted[i]:
-            total = np.float32(0)
-            for place in range(index.shape[1]):
-                wave, value = phasor[index[row, place]], coefficient[row, place]
-                total += value.real * wave.real - value.imag * wave.imag
-            out[i] += total
+            out[i] += wave_at(index, coefficient, phasor, row)
+
+
+@kernel
+def unlikely(
+    wanted: NDArray[np.uint32],
+    state: NDArray[np.uint8],
+    mean: NDArray[np.float32],
+    cell: NDArray[np.int32],
+    index: Index,
+    coefficient: NDArray[np.complex64],
+    phasor: NDArray[np.complex64],
+    bounds: tuple[float, float],
+    rows: NDArray[np.int64],
+    value: NDArray[np.float32],
+) -> int:
+    """How many of the cells `wanted` (n,) are occupied and below bounds[0], or free and above bounds[1].
+
+    rows, value (n,) begin with which of them, and with their mean and waves as of `add_waves_of`.
+    """
+    row = found = 0
+    for i in range(wanted.size):
+        at = int(wanted[i])
+        row = row_of(cell, at, row)
+        here = mean[at]
+        if row < cell.size and cell[row] == at:
+            here += wave_at(index, coefficient, phasor, row)
+        if here < bounds[0] if state[i] else here > bounds[1]:
+            rows[found], value[found] = i, here
+            found += 1
+    return found
 
 
 @kernel

@@ -46,7 +46,7 @@ def merge(segment: Segment, measurements: Measurements, base: TimeBase) -> Segme
     sample = measurements.samples(base) - start
     if len(sample) and (sample.min() < 0 or sample.max() >= n_samples):
         raise ValueError("a measurement lies outside of the segment")
-    heads = measurements.heads()
+    heads = measurements.heads
     table = np.union1d(segment.time, measurements.time[heads])
     first = np.searchsorted(base.sample(table) - start, np.arange(n_samples + 1))
     history = segment.history

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from app.spectral.anomaly import surprising
 from app.spectral.history import History
 from app.spectral.model import add, reconstruct, update
 from app.spectral.prediction import predict, predict_times
@@ -44,6 +45,7 @@ def warm() -> None:
             predict(spectrum, 0.0)
             predict(spectrum, 0.0, [0])
             predict_times(spectrum, [0.0, 1.0])
+            surprising(spectrum, 0.0, np.zeros(1, np.uint32), np.zeros(1, np.uint8), 0.9)
             reconstruct(replace(model, spectrum=spectrum))
     choose(History.from_states((np.arange(2 * 4500).reshape(2, 4500) % 9 < 3).astype(np.uint8)), base, time_zone="UTC")
 

@@ -24,7 +24,7 @@ def pack_measurements(measurements: Measurements) -> bytes:
 
     Any order comes back as it was; in order (`Measurements.in_order`) the steps are small and so is the blob.
     """
-    heads, cell = measurements.heads(), measurements.cell
+    heads, cell = measurements.heads, measurements.cell
     step = np.diff(cell, prepend=np.uint32(0))
     step[heads] = 0
     return seal(

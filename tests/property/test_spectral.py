@@ -5,11 +5,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from app.spectral.anomaly import is_anomalous, surprising
 from app.spectral.estimators import ESTIMATORS
 from app.spectral.history import NEVER, UNOBSERVED, History
+from app.spectral.measurements import Measurements
 from app.spectral.model import add, reconstruct, update
 from app.spectral.outliers import find_outliers
-from app.spectral.prediction import predict_slow, predict_times
+from app.spectral.prediction import predict, predict_slow, predict_times
 from app.spectral.spectrum import components
 from app.spectral.timebase import TimeBase
 
@@ -151,3 +153,45 @@ def test_outliers_of_any_history_are_consistent(history: History, start: int, n:
     outliers = find_outliers(spectrum, window, BASE)
     assert np.all(outliers.start < outliers.stop)
     assert outliers.offset[-1] == outliers.start.size
+
+
+@quick
+@given(
+    HISTORIES,
+    NAMES,
+    ORDERS,
+    st.floats(-4e9, 4e9),
+    st.sampled_from([1e-9, 0.3, 0.5, 0.9, 0.999, 1 - 1e-12]),
+    st.lists(st.tuples(st.integers(0, 3), st.integers(0, 1)), max_size=12),
+)
+def test_surprising_is_what_is_anomalous_of_what_is_predicted(
+    history: History, estimator: str, order: int, time: float, confidence: float, seen: list[tuple[int, int]]
+) -> None:
+    spectrum = update(history, estimator, order, BASE).spectrum
+    cells, states = np.array(seen, np.int64).reshape(-1, 2).T
+    cells %= history.n_cells
+    p = predict(spectrum, time, cells)
+    marked = is_anomalous(p, states, confidence)
+    rows, found = surprising(spectrum, time, cells.astype(np.uint32), states.astype(np.uint8), confidence)
+    np.testing.assert_array_equal(rows, np.flatnonzero(marked))
+    np.testing.assert_array_equal(found, p[marked])
+
+
+@quick
+@given(st.lists(st.tuples(st.sampled_from([0.0, 1.5, -3e9, 2e9]), st.integers(0, 2**32 - 1), st.integers(0, 1))))
+def test_measurements_are_put_in_order_and_none_is_lost(rows: list[tuple[float, int, int]]) -> None:
+    time, cell, state = np.array(rows or np.empty((0, 3))).T
+    given_ = Measurements(time, cell.astype(np.uint32), state.astype(np.uint8))
+    if rows:
+        ordered = given_.in_order()
+        assert list(zip(ordered.time, ordered.cell, ordered.state, strict=True)) == sorted(rows)
+
+
+@quick
+@given(st.data(), st.integers(1, 200))
+def test_looks_of_any_number_of_ascending_runs_are_put_in_order(data: st.DataObject, n_runs: int) -> None:
+    random = np.random.default_rng(data.draw(st.integers(0, 2**32)))
+    cell = np.concatenate([np.sort(random.integers(0, 2**31 - 1, 5, np.uint32)) for _ in range(n_runs)])
+    state = random.integers(0, 2, cell.size, np.uint8)
+    ordered = Measurements(np.full(cell.size, 7.5), cell, state).in_order()
+    assert list(zip(ordered.cell, ordered.state, strict=True)) == sorted(zip(cell, state, strict=True))
