@@ -13,6 +13,7 @@ from app.ingest import arrow_body, json_body, npy_body
 from app.ingest.columns import Columns, Content
 from app.schemas.common import FARTHEST_S
 from app.space.grid import Grid
+from app.spectral.look import order_look
 from app.spectral.measurements import Measurements
 
 ARROW = "application/vnd.apache.arrow.stream"
@@ -68,28 +69,20 @@ def parse(body: Body, target: Target) -> Measurements:
     columns = reader(body.content, target.kind, target.grid)
     if not len(columns.time):
         raise InvalidInputError.at(columns.whole, "there is no measurement in it; send at least one")
-    if not _plausible(columns, target):
-        for start in range(0, len(columns.time), BLOCK):
-            _check(columns, start, target)
+    look = order_look(columns.time, columns.cell, columns.state, (-FARTHEST_S, target.latest), target.grid.n_cells)
+    return _in_order(columns, target) if look is None else look
+
+
+def _in_order(columns: Columns, target: Target) -> Measurements:
+    """Measurements of any kind."""
+    for start in range(0, len(columns.time), BLOCK):
+        _check(columns, start, target)
     measurements = Measurements(
         columns.time, columns.cell.astype(np.uint32, copy=False), columns.state.astype(np.uint8, copy=False)
     ).in_order()
     if _contradict(measurements).any():
         raise InvalidInputError.at(_contradiction(columns), "this cell is both occupied and free at the same time")
     return measurements
-
-
-def _plausible(columns: Columns, target: Target) -> bool:
-    """Whether no measurement is to be refused; by the extremes alone, among which a NaN is NaN."""
-    time, cell, state = columns.time, columns.cell, columns.state
-    return bool(
-        time.min() >= -FARTHEST_S
-        and time.max() <= target.latest
-        and state.min() >= 0
-        and state.max() <= 1
-        and cell.min() >= 0
-        and cell.max() < target.grid.n_cells
-    )
 
 
 def _check(columns: Columns, start: int, target: Target) -> None:

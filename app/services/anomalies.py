@@ -49,11 +49,24 @@ class Criterion:
 
 def judge(place: LocationRecord, spectrum: Spectrum, measurements: Measurements) -> list[AnomalyRecord]:
     """The events among new measurements, in order, judged by rule `surprise` at the location's confidence."""
-    sample, standing = _standing(place, measurements)
     criterion = Criterion(place.confidence, "surprise", place.revision)
-    rows, probability = _surprising(place, spectrum, sample, standing)
-    marks = Marks(sample[rows], standing.cell[rows].astype(np.int64), standing.state[rows], probability)
+    if len(measurements.heads) == 1 and place.n_cells > 1:
+        marks = _marks_of_look(place, spectrum, measurements)
+    else:
+        sample, standing = _standing(place, measurements)
+        rows, probability = _surprising(place, spectrum, sample, standing)
+        marks = Marks(sample[rows], standing.cell[rows].astype(np.int64), standing.state[rows], probability)
     return group(place, marks, criterion)
+
+
+def _marks_of_look(place: LocationRecord, spectrum: Spectrum, look: Measurements) -> Marks:
+    """Those among measurements of one time."""
+    sample = place.base.sample(look.time[:1])
+    rows, probability = surprising(spectrum, float(place.base.time(sample[0])), look.cell, look.state, place.confidence)
+    cell = look.cell[rows].astype(np.int64)
+    fresh = np.diff(cell, prepend=-1) != 0
+    rows = rows[fresh]
+    return Marks(np.repeat(sample, len(rows)), cell[fresh], look.state[rows], probability[fresh])
 
 
 def _standing(place: LocationRecord, measurements: Measurements) -> tuple[NDArray[np.int64], Measurements]:

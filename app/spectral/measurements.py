@@ -16,7 +16,10 @@ FEW_RUNS = 64
 
 @dataclass(frozen=True, eq=False)
 class Measurements:
-    """`time` (n,) float64 Unix seconds; `cell` (n,) uint32 linear index; `state` (n,) uint8, 1 occupied, 0 free."""
+    """`time` (n,) float64 Unix seconds; `cell` (n,) uint32 linear index; `state` (n,) uint8, 1 occupied, 0 free.
+
+    Where all are of one time, `time` may be that one, broadcast.
+    """
 
     time: NDArray[np.float64]
     cell: NDArray[np.uint32]
@@ -32,6 +35,8 @@ class Measurements:
     @cached_property
     def heads(self) -> NDArray[np.int64]:
         """Where runs of equal times begin: many measurements are made at one time, and what follows is done once."""
+        if len(self) and self.time.strides == (0,):
+            return np.zeros(1, np.int64)
         changed = np.ones(len(self), np.bool_)
         np.not_equal(self.time[1:], self.time[:-1], out=changed[1:])
         return np.flatnonzero(changed)

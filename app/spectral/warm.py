@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from app.spectral.anomaly import surprising
 from app.spectral.history import History
+from app.spectral.look import order_look
 from app.spectral.model import add, reconstruct, update
 from app.spectral.prediction import predict, predict_times
 from app.spectral.selection import choose
@@ -47,6 +48,7 @@ def warm() -> None:
             predict_times(spectrum, [0.0, 1.0])
             surprising(spectrum, 0.0, np.zeros(1, np.uint32), np.zeros(1, np.uint8), 0.9)
             reconstruct(replace(model, spectrum=spectrum))
+    order_look(np.zeros(1), np.zeros(1, np.uint32), np.zeros(1, np.uint8), (0.0, 1.0), 1)
     choose(History.from_states((np.arange(2 * 4500).reshape(2, 4500) % 9 < 3).astype(np.uint8)), base, time_zone="UTC")
 
 

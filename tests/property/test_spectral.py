@@ -1,5 +1,7 @@
 """The core's theorems, over histories that hypothesis thinks of."""
 
+from itertools import pairwise
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -8,12 +10,14 @@ from hypothesis.extra import numpy as hnp
 from app.spectral.anomaly import is_anomalous, surprising
 from app.spectral.estimators import ESTIMATORS
 from app.spectral.history import NEVER, UNOBSERVED, History
+from app.spectral.look import order_look
 from app.spectral.measurements import Measurements
 from app.spectral.model import add, reconstruct, update
 from app.spectral.outliers import find_outliers
 from app.spectral.prediction import predict, predict_slow, predict_times
 from app.spectral.spectrum import components
 from app.spectral.timebase import TimeBase
+from app.storage.blobs import pack_measurements, unpack_measurements
 
 BASE = TimeBase(1.7e9, 300.0)
 STATES = hnp.arrays(
@@ -195,3 +199,39 @@ def test_looks_of_any_number_of_ascending_runs_are_put_in_order(data: st.DataObj
     state = random.integers(0, 2, cell.size, np.uint8)
     ordered = Measurements(np.full(cell.size, 7.5), cell, state).in_order()
     assert list(zip(ordered.cell, ordered.state, strict=True)) == sorted(zip(cell, state, strict=True))
+
+
+RUNS = st.lists(st.tuples(st.integers(0, 30), st.integers(0, 1)), max_size=12)
+
+
+@quick
+@given(RUNS, RUNS, st.sampled_from([-1.0, 0.0, 5.0, 5.5, np.nan, np.inf]), st.booleans(), st.integers(-1, 12))
+def test_a_look_is_put_in_order_as_any_measurements_are_and_what_is_wrong_is_none(
+    one: list[tuple[int, int]], other: list[tuple[int, int]], time: float, ascending: bool, elsewhen: int
+) -> None:
+    """Two runs of cells; a look where they ascend, are distinct, below 25, and of one time from 0 to 5."""
+    rows = (sorted(one) + sorted(other)) if ascending else one + other
+    cell, state = np.array(rows, np.int64).reshape(-1, 2).T
+    times = np.full(len(rows), time)
+    times[elsewhen : elsewhen + 1] += 1
+    columns = (times, cell.astype(np.uint32), state.astype(np.uint8))
+    look = order_look(*columns, (0.0, 5.0), 25)
+    cells = [c for c, _ in rows]
+    falls = sum(b <= a for a, b in pairwise(cells))
+    plain = len(set(cells)) == len(cells) and falls <= 1 and len(set(times.tolist())) == 1 and 0 <= times[0] <= 5
+    assert (look is not None) == (plain and max(cells) < 25)
+    if look is not None:
+        expected = Measurements(*columns).in_order()
+        for name in ("time", "cell", "state", "heads"):
+            np.testing.assert_array_equal(getattr(look, name), getattr(expected, name))
+        assert unpack_measurements(pack_measurements(look), "look").cell.tolist() == sorted(cells)
+
+
+def test_a_look_of_other_types_is_left_to_whoever_names_what_is_wrong() -> None:
+    time, cell, state = np.zeros(2), np.arange(2, dtype=np.uint32), np.zeros(2, np.uint8)
+    assert order_look(time, cell, state, (0.0, 1.0), 2) is not None
+    assert order_look(time, cell.astype(np.int64), state, (0.0, 1.0), 2) is None
+    assert order_look(time, cell, state + np.uint8(2), (0.0, 1.0), 2) is None
+    assert order_look(time, np.arange(4, dtype=np.uint32)[::2], state, (0.0, 1.0), 4) is None
+    unaligned = np.frombuffer(b"\0" * 17, np.uint8)[1:].view(np.float64)
+    assert order_look(unaligned, cell, state, (0.0, 1.0), 2) is None
