@@ -1,6 +1,5 @@
 """What routes depend on: the context, bodies within their limit, times and cursors of queries."""
 
-from collections.abc import AsyncIterator
 from typing import Annotated
 
 from fastapi import Depends, Query, Request
@@ -8,6 +7,7 @@ from pydantic import AfterValidator
 
 from app.api.auth import Sender, require, sender
 from app.api.bodies import read_body
+from app.api.budget import Share
 from app.errors import InvalidInputError
 from app.ingest.observation import COST, Body
 from app.schemas.common import Text, parse_time
@@ -21,14 +21,16 @@ async def context(request: Request) -> Context:
     return ctx
 
 
-async def body(request: Request) -> AsyncIterator[Body]:
-    """The unpacked body of a request, within the limit, and memory to parse it."""
+async def posted_body(request: Request, share: Share) -> Body:
+    """The unpacked body of a request, within the limit, with `share` grown to the memory that parsing it takes.
+
+    Raises as `read_body`.
+    """
     ctx: Context = request.app.state.ctx
     media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
-    with request.app.state.budget.share() as share:
-        content = await read_body(request, ctx.settings.body_limit(media_type), share)
-        await share.grow(len(content) * (COST.get(media_type, 1) - 1))
-        yield Body(content, media_type)
+    content = await read_body(request, ctx.settings.body_limit(media_type), share)
+    await share.grow(len(content) * (COST.get(media_type, 1) - 1))
+    return Body(content, media_type)
 
 
 def query_time(name: str, value: str | None) -> float | None:
@@ -58,7 +60,6 @@ def _storable(number: int) -> int:
 LARGEST_ID = 2**63 - 1
 Id = Annotated[int, AfterValidator(_storable)]
 Ctx = Annotated[Context, Depends(context)]
-BodyIn = Annotated[Body, Depends(body, scope="function")]
 Robot = Annotated[Sender, Depends(sender)]
 Operator = Annotated[Principal, Depends(require("operator"))]
 Admin = Annotated[Principal, Depends(require("admin"))]

@@ -32,11 +32,11 @@ def open_reader(url: str) -> Engine:
 
 
 def open_writer(url: str) -> Engine:
-    """An engine for the one writer of this process."""
+    """An engine for the one writer of this process, which ends every transaction itself: nothing is to be reset."""
     parsed = make_url(url)
     if parsed.get_backend_name() == "sqlite":
-        return _sqlite(parsed, begin="BEGIN IMMEDIATE", pool_size=1)
-    return create_engine(parsed, pool_pre_ping=True, pool_size=2)
+        return _sqlite(parsed, begin="BEGIN IMMEDIATE", pool_size=1, pool_reset_on_return=None)
+    return create_engine(parsed, pool_pre_ping=True, pool_size=2, pool_reset_on_return=None)
 
 
 def open_inspector(url: str) -> Engine:
@@ -55,7 +55,7 @@ def open_inspector(url: str) -> Engine:
     return engine
 
 
-def _sqlite(url: URL, begin: str, pool_size: int) -> Engine:
+def _sqlite(url: URL, begin: str, pool_size: int, **how: Any) -> Engine:
     if url.database:
         Path(url.database).parent.mkdir(parents=True, exist_ok=True)
     engine = create_engine(
@@ -64,6 +64,7 @@ def _sqlite(url: URL, begin: str, pool_size: int) -> Engine:
         pool_size=pool_size,
         max_overflow=OVERFLOW,
         connect_args={"check_same_thread": False},
+        **how,
     )
 
     @event.listens_for(engine, "connect")

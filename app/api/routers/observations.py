@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Query, Request, Response
 
 from app.api.auth import refuse
-from app.api.dependencies import BodyIn, Ctx, Robot
+from app.api.dependencies import Robot, posted_body
 from app.errors import UnauthorizedError
 from app.ingest.observation import ARROW, JSON, NPY
 from app.schemas.common import Text
@@ -72,8 +72,6 @@ _BODY: dict[str, Any] = {
 async def post(
     name: str,
     robot: Robot,
-    body: BodyIn,
-    ctx: Ctx,
     request: Request,
     source: Annotated[Text | None, Query(max_length=128, description="The robot's name.")] = None,
     idempotency_key: Annotated[str | None, Header(alias="Idempotency-Key", min_length=1, max_length=255)] = None,
@@ -82,11 +80,13 @@ async def post(
 
     The same Idempotency-Key with the same body again is answered 200 with `duplicate` true; nothing is stored twice.
     """
-    sent = Post(body, source or _name(robot.principal), idempotency_key, robot.claim)
     stored: Future[Observed] = Future()
-    request.app.state.parsing.submit(_begin, stored, ctx, name, sent)
     try:
-        result = await asyncio.wrap_future(stored)
+        with request.app.state.budget.share() as share:
+            body = await posted_body(request, share)
+            sent = Post(body, source or _name(robot.principal), idempotency_key, robot.claim)
+            request.app.state.parsing.submit(_begin, stored, request.app.state.ctx, name, sent)
+            result = await asyncio.wrap_future(stored)
     except UnauthorizedError:
         if robot.claim is not None:
             await refuse(request, robot.claim)
