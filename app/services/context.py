@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from threading import Lock
 
 from app.errors import CorruptChunkError
 from app.events.bus import Bus
@@ -26,7 +27,10 @@ class Loaded:
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """The store, the bus, the caches and the known damage of one process. `clock` gives Unix seconds."""
+    """The store, the bus, the caches and the known damage of one process. `clock` gives Unix seconds.
+
+    Whoever compacts or forgets a history holds `compacting` meanwhile: it reads segments that it writes later.
+    """
 
     settings: Settings
     store: Store
@@ -35,6 +39,7 @@ class Context:
     histories: ByteCache[History]
     tails: ByteCache[Tail]
     damage: Damage
+    compacting: Lock
     clock: Callable[[], float]
 
 
@@ -51,6 +56,7 @@ def open_context(settings: Settings, clock: Callable[[], float] = time.time) -> 
             ByteCache(settings.history_cache_bytes, lambda value: value.observed.nbytes + value.occupied.nbytes),
             ByteCache(settings.history_cache_bytes // 2, tail_bytes),
             Damage(),
+            Lock(),
             clock,
         )
     finally:

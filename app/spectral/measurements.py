@@ -55,6 +55,8 @@ class Measurements:
         """All parts, one after the other."""
         if not parts:
             return cls(np.empty(0), np.empty(0, np.uint32), np.empty(0, np.uint8))
+        if len(parts) == 1:
+            return parts[0]
         return cls(
             np.concatenate([part.time for part in parts]),
             np.concatenate([part.cell for part in parts]),

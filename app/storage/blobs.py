@@ -49,9 +49,9 @@ def unpack_measurements(blob: bytes, what: str) -> Measurements:
     run = columns["run"]
     time = np.repeat(columns["time"], run)
     # Sums that grow past 32 bits wrap around, and so come out right.
-    total = np.cumsum(columns["step"], dtype=np.uint32)
-    heads = np.cumsum(run, dtype=np.int64) - run
-    cell = total + np.repeat(columns["first"] - total[heads], run)
+    cell = np.cumsum(columns["step"], dtype=np.uint32)
+    off = columns["first"] - cell[np.cumsum(run, dtype=np.int64) - run]
+    cell += off if len(run) == 1 else np.repeat(off, run)
     state = np.unpackbits(columns["state"], count=len(time), bitorder="little")
     return Measurements(time, cell, state)
 

@@ -1,0 +1,74 @@
+"""The compactor: keeps the logs of all locations short, beside the updater and whatever that is busy with."""
+
+import logging
+import math
+import time
+
+from app.events.messages import Message
+from app.services.compaction import compact
+from app.services.context import Context
+from app.services.pruning import prune
+from app.storage.records import LocationRecord
+from app.workers.worker import Worker
+
+log = logging.getLogger(__name__)
+PRUNE_EVERY_S = 3600.0
+COMPACT_POSTS = 64
+COMPACT_MEASUREMENTS = 1_000_000
+"""A log that is longer is compacted: whoever reads the history unpacks it."""
+
+
+class Compactor:
+    """One thread that works half of the time at most; what is compacted at once grows with what comes in."""
+
+    def __init__(self, ctx: Context) -> None:
+        self._ctx = ctx
+        self._worker = Worker("compactor", ctx.settings.updater_interval_s, self._round)
+        self._come_in = 0
+        self._pruned = -math.inf
+        self._unsubscribe = ctx.bus.subscribe(self._listen)
+
+    def start(self) -> None:
+        """Begin, unless the settings leave histories alone."""
+        if self._ctx.settings.updater:
+            self._worker.start()
+
+    def tell_to_end(self) -> None:
+        """Leave the round at hand, of which nothing is stored."""
+        self._unsubscribe()
+        self._worker.tell_to_end()
+
+    def stop(self) -> None:
+        """End."""
+        self.tell_to_end()
+        self._worker.join()
+
+    def alive(self) -> bool:
+        """Whether it is at work, or has none."""
+        return self._worker.alive() or not self._ctx.settings.updater
+
+    def _listen(self, message: Message) -> None:
+        if message.kind == "observation":
+            self._come_in += message.data["measurements"]
+            if self._come_in >= COMPACT_MEASUREMENTS:
+                self._worker.wake()
+
+    def _round(self) -> None:
+        self._come_in = 0
+        with self._ctx.store.read() as work:
+            places, waiting = work.locations.list(), work.observations.waiting()
+        self._worker.for_each(places, lambda place: self._shorten(place, waiting.get(place.id, 0)))
+        self._prune()
+
+    def _shorten(self, place: LocationRecord, waiting: int) -> None:
+        if place.observation_seq - place.compacted_seq >= COMPACT_POSTS or waiting >= COMPACT_MEASUREMENTS:
+            began = time.perf_counter()
+            compact(self._ctx, place, self._worker.check)
+            self._worker.rest(time.perf_counter() - began)
+
+    def _prune(self) -> None:
+        now = self._ctx.clock()
+        if now - self._pruned >= PRUNE_EVERY_S:
+            self._pruned = now
+            if pruned := prune(self._ctx, self._worker.check):
+                log.info("%d rows of old posts and jobs were pruned", pruned)
