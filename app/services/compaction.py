@@ -1,6 +1,7 @@
 """Compaction: the log's tail becomes segments of the history, and what is older than `retention` is forgotten."""
 
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from app.storage.observations import Packed, SegmentKey
 from app.storage.records import CHUNK_CELLS, LocationRecord
 from app.storage.work import Work
 
-ROUND_MEASUREMENTS = 4_000_000
+ROUND_MEASUREMENTS = 8_000_000
 """Measurements that one round takes from the log: the more, the fewer times a segment is written anew, and the more
 memory."""
 
@@ -33,15 +34,15 @@ def compact(ctx: Context, place: LocationRecord, check: Callable[[], None] = lam
 
 def forget(ctx: Context, place: LocationRecord) -> None:
     """Drop compacted history that is older than the location's `retention`."""
-    with ctx.compacting:
-        with ctx.store.read() as work:
-            place = work.locations.by_id(place.id)
-        if place.retention_s is None or place.last_time is None:
-            return
-        before = int(place.base.sample(place.last_time - place.retention_s))
-        if before > span(place)[0]:
+    with ctx.store.read() as work:
+        place = work.locations.by_id(place.id)
+    if place.retention_s is None or place.last_time is None:
+        return
+    before = int(place.base.sample(place.last_time - place.retention_s))
+    if before > span(place)[0]:
+        with ctx.compacting:
             ctx.store.write(lambda work: work.observations.forget(place, before))
-            ctx.histories.drop(lambda key: isinstance(key, tuple) and key[0] == place.id)
+        ctx.histories.drop(lambda key: isinstance(key, tuple) and key[0] == place.id)
 
 
 def _compact_some(ctx: Context, location_id: int, target: int, check: Callable[[], None]) -> bool:
@@ -54,17 +55,17 @@ def _compact_some(ctx: Context, location_id: int, target: int, check: Callable[[
             if place.compacted_seq >= target:
                 return False
             rows = work.observations.packed(place, ROUND_MEASUREMENTS)
-        every, damaged = _unpack(ctx, place, rows)
+        parts, damaged = _unpack(ctx, place, rows)
         merged: dict[SegmentKey, bytes] = {}
-        for key, payload in _merge_all(ctx, place, every):
+        for key, payload in _merge_all(ctx, place, _split(parts)):
             merged[key] = payload
             check()
         ctx.store.write(lambda work: work.observations.compact(place, rows[-1].number, merged, damaged))
     return True
 
 
-def _unpack(ctx: Context, place: LocationRecord, rows: list[Packed]) -> tuple[Measurements, set[int]]:
-    """What can be read of a part of the log, sorted by chunk, and the numbers of what cannot, which is told of."""
+def _unpack(ctx: Context, place: LocationRecord, rows: list[Packed]) -> tuple[list[Measurements], set[int]]:
+    """What can be read of a part of the log, and the numbers of what cannot, which is told of."""
     parts, damaged = [], set()
     for row in rows:
         try:
@@ -72,13 +73,26 @@ def _unpack(ctx: Context, place: LocationRecord, rows: list[Packed]) -> tuple[Me
         except CorruptChunkError as error:
             ctx.damage.found(place.id, error)
             damaged.add(row.number)
-    return by_chunk(parts), damaged
+    return parts, damaged
 
 
-def _merge_all(ctx: Context, place: LocationRecord, measurements: Measurements) -> Iterator[tuple[SegmentKey, bytes]]:
-    """The segments that the measurements (sorted by chunk) change, packed; one at a time is held unpacked."""
-    for chunk in np.unique(measurements.cell // np.uint32(CHUNK_CELLS)).tolist():
-        for number, new in by_segment(place, of_chunk(measurements, chunk)):
+def _split(parts: list[Measurements]) -> dict[int, list[Measurements]]:
+    """What was measured in each chunk, uncopied where it lies together: a log is larger than its packed rows."""
+    found: dict[int, list[Measurements]] = {}
+    for part in map(by_chunk, parts):
+        chunk = part.cell // np.uint32(CHUNK_CELLS)
+        borders = [0, *(np.flatnonzero(chunk[1:] != chunk[:-1]) + 1).tolist(), len(part)]
+        for first, stop in pairwise(borders):
+            found.setdefault(int(chunk[first]), []).append(part.select(slice(first, stop)))
+    return found
+
+
+def _merge_all(
+    ctx: Context, place: LocationRecord, measured: dict[int, list[Measurements]]
+) -> Iterator[tuple[SegmentKey, bytes]]:
+    """The segments that what was measured in each chunk changes, packed; one at a time is held unpacked."""
+    for chunk, parts in sorted(measured.items()):
+        for number, new in by_segment(place, of_chunk(Measurements.concatenate(parts), chunk)):
             with ctx.store.read() as work:
                 key, before = _before(ctx, work, place, (chunk, number))
             segment = before or Segment.empty(place.chunk_size(chunk), number)

@@ -65,7 +65,7 @@ def open_context(settings: Settings, clock: Callable[[], float] = time.time) -> 
 
 def tail_bytes(tail: Tail) -> int:
     """Memory of the measurements of a log's tail."""
-    return sum(13 * len(part) for _, part in tail.parts)
+    return sum(part.nbytes for _, part in tail.parts)
 
 
 def spectrum_bytes(spectrum: Spectrum) -> int:

@@ -18,7 +18,7 @@ from app.storage.observations import Tail
 from app.storage.records import CHUNK_CELLS, LocationRecord
 from app.storage.work import Work
 
-HELD_MEASUREMENTS = 8_000_000
+HELD_MEASUREMENTS = 20_000_000
 """Measurements of a tail that is unpacked as a whole, and kept for other chunks and for what comes in later."""
 CHUNK_BITS = 1 << 27
 """Cells times samples of a chunk that are held at once: one measurement of 1970 must not fill the memory."""
@@ -180,7 +180,7 @@ def _read_on(ctx: Context, work: Work, place: LocationRecord) -> Tail:
         (compacted, through), before = cast(tuple[int, int], known[0]), known[1]
         if compacted <= place.compacted_seq <= through <= place.observation_seq:
             parts, since = [each for each in before.parts if each[0] > place.compacted_seq], through
-    new = work.observations.tail(replace(place, compacted_seq=since), choose=lambda part: by_chunk([part]))
+    new = work.observations.tail(replace(place, compacted_seq=since), choose=by_chunk)
     _tell(ctx, place, new)
     return Tail(parts + new.parts, new.damage)
 
@@ -190,11 +190,10 @@ def _tell(ctx: Context, place: LocationRecord, tail: Tail) -> None:
         ctx.damage.found(place.id, error)
 
 
-def by_chunk(parts: list[Measurements]) -> Measurements:
-    """All parts, sorted by chunk and within it in their given order; a single look is so already."""
-    every = Measurements.concatenate(parts)
-    chunks = every.cell // np.uint32(CHUNK_CELLS)
-    return every if (chunks[1:] >= chunks[:-1]).all() else every.select(np.argsort(chunks, kind="stable"))
+def by_chunk(part: Measurements) -> Measurements:
+    """The same sorted by chunk and within it as they were; a single look is so already."""
+    chunks = part.cell // np.uint32(CHUNK_CELLS)
+    return part if (chunks[1:] >= chunks[:-1]).all() else part.select(np.argsort(chunks, kind="stable"))
 
 
 def of_chunk(sorted_: Measurements, chunk: int) -> Measurements:
@@ -208,7 +207,11 @@ def of_chunk(sorted_: Measurements, chunk: int) -> Measurements:
 
 def by_segment(place: LocationRecord, measurements: Measurements) -> Iterator[tuple[int, Measurements]]:
     """The measurements of each segment, by its number."""
+    if not len(measurements):
+        return
     numbers = measurements.samples(place.base) // SEGMENT_SAMPLES
-    present = np.unique(numbers).tolist()
-    for number in present:
-        yield number, measurements if len(present) == 1 else measurements.select(numbers == number)
+    if numbers.min() == numbers.max():
+        yield int(numbers[0]), measurements
+        return
+    for number in np.unique(numbers).tolist():
+        yield number, measurements.select(numbers == number)

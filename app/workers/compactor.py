@@ -2,7 +2,6 @@
 
 import logging
 import math
-import time
 
 from app.events.messages import Message
 from app.services.compaction import compact
@@ -13,13 +12,14 @@ from app.workers.worker import Worker
 
 log = logging.getLogger(__name__)
 PRUNE_EVERY_S = 3600.0
-COMPACT_POSTS = 64
-COMPACT_MEASUREMENTS = 1_000_000
-"""A log that is longer is compacted: whoever reads the history unpacks it."""
+COMPACT_POSTS = 256
+COMPACT_MEASUREMENTS = 2_000_000
+"""A log that is longer is compacted: whoever reads the history unpacks it. Each time some segments are written anew, so
+of a log that is compacted more often more is written, and more time taken from others."""
 
 
 class Compactor:
-    """One thread that works half of the time at most; what is compacted at once grows with what comes in."""
+    """One thread. The more comes in while it works, the more it compacts at once, and the less work a post is."""
 
     def __init__(self, ctx: Context) -> None:
         self._ctx = ctx
@@ -62,9 +62,7 @@ class Compactor:
 
     def _shorten(self, place: LocationRecord, waiting: int) -> None:
         if place.observation_seq - place.compacted_seq >= COMPACT_POSTS or waiting >= COMPACT_MEASUREMENTS:
-            began = time.perf_counter()
             compact(self._ctx, place, self._worker.check)
-            self._worker.rest(time.perf_counter() - began)
 
     def _prune(self) -> None:
         now = self._ctx.clock()

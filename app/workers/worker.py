@@ -29,10 +29,6 @@ class Worker:
         """Begin a round now, or another one after this."""
         self._wake.set()
 
-    def rest(self, seconds: float) -> None:
-        """Wait for so long, or until it is to end."""
-        self._stopping.wait(seconds)
-
     def check(self) -> None:
         """Raises ShuttingDownError where it is to end: a round calls this all the time, and leaves it to the loop."""
         if self._stopping.is_set():

@@ -139,21 +139,6 @@ def test_told_to_stop_in_a_round_it_stores_nothing_of_that_and_loses_nothing(
     assert compacted(lively, "lab") == COMPACT_POSTS
 
 
-def test_it_rests_as_long_as_it_works(lively: Context, monkeypatch: pytest.MonkeyPatch) -> None:
-    times: list[float] = []
-
-    def work(*_: Any) -> None:
-        times.append(time.monotonic())
-        time.sleep(0.1)
-
-    monkeypatch.setattr(compactor_module, "compact", work)
-    make_location(lively, "door")
-    post_many(lively, COMPACT_POSTS)
-    with working(lively):
-        until(lambda: len(times) == 4)
-    assert min(np.diff(times)) >= 0.2
-
-
 def test_what_has_served_its_time_is_pruned(lively: Context, clock: Clock) -> None:
     make_location(lively, "door")
     post_states(lively, "door", [0.0], [1])
