@@ -15,6 +15,7 @@ from sqlalchemy.exc import DBAPIError
 from app.errors import QueueFullError, ShuttingDownError, StorageUnavailableError
 from app.storage.checkpoint import Checkpoints
 from app.storage.counters import take
+from app.storage.gate import Gate
 from app.storage.trouble import Trouble, means_trouble
 from app.storage.work import Work
 
@@ -34,14 +35,14 @@ class Writer:
 
     A write may be run again, and so does nothing but what its transaction undoes."""
 
-    def __init__(self, engine: Engine, queue_length: int, batch: int) -> None:
+    def __init__(self, engine: Engine, queue_length: int, batch: int, gate: Gate) -> None:
         self._engine = engine
         self._batch = batch
         self._queue: Queue[_Write[Any] | None] = Queue(queue_length)
         self.trouble = Trouble("written")
         self._gate = Lock()
         self._closed = False
-        self._checkpoints = Checkpoints(engine)
+        self._checkpoints = Checkpoints(engine, gate)
         self._thread = Thread(target=self._loop, name="tidemap-writer", daemon=True)
         self._thread.start()
 
