@@ -108,6 +108,10 @@ class Store:
         """Queue a write and wait until it is durable; `then` as in `Writer.submit`."""
         return self._writer.submit(run, then).result()
 
+    def slow_down(self, rest_s: float) -> None:
+        """Let the writer rest so long after every group commit, from now on: whoever posts waits for it."""
+        self._writer.rest_s = rest_s
+
     def trouble(self) -> str | None:
         """Why the database cannot be written, as the last write showed; None when it can."""
         return self._writer.trouble.reason

@@ -1,6 +1,7 @@
 """The one writer: a thread that takes writes from a bounded queue and commits them in groups."""
 
 import logging
+import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
@@ -43,6 +44,8 @@ class Writer:
         self._gate = Lock()
         self._closed = False
         self._checkpoints = Checkpoints(engine, gate)
+        self.rest_s = 0.0
+        """How long it rests after every group: larger groups are what comes of it, and senders that wait."""
         self._thread = Thread(target=self._loop, name="tidemap-writer", daemon=True)
         self._thread.start()
 
@@ -87,6 +90,7 @@ class Writer:
 
     def _care(self) -> None:
         """What is done between commits and harms none of them when it fails."""
+        time.sleep(self.rest_s)
         try:
             self._checkpoints.care()
         except Exception:

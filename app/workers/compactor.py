@@ -2,6 +2,7 @@
 
 import logging
 import math
+from collections.abc import Callable
 
 from app.events.messages import Message
 from app.services.compaction import compact
@@ -18,19 +19,27 @@ COMPACT_MEASUREMENTS = 2_000_000
 of a log that is compacted more often more is written, and more time taken from others."""
 
 
+LATE_MEASUREMENTS = 12_000_000
+"""When more wait to be compacted, posts are slowed down: a question has to read them all."""
+SLOWEST_S = 0.25
+"""How long the writer rests at most after a group of posts."""
+
+
 class Compactor:
     """One thread. The more comes in while it works, the more it compacts at once, and the less work a post is."""
 
     def __init__(self, ctx: Context) -> None:
         self._ctx = ctx
         self._worker = Worker("compactor", ctx.settings.updater_interval_s, self._round)
+        self._waiting = 0
         self._come_in = 0
         self._pruned = -math.inf
-        self._unsubscribe = ctx.bus.subscribe(self._listen)
+        self._unsubscribe: Callable[[], None] = lambda: None
 
     def start(self) -> None:
         """Begin, unless the settings leave histories alone."""
         if self._ctx.settings.updater:
+            self._unsubscribe = self._ctx.bus.subscribe(self._listen)
             self._worker.start()
 
     def tell_to_end(self) -> None:
@@ -52,11 +61,12 @@ class Compactor:
             self._come_in += message.data["measurements"]
             if self._come_in >= COMPACT_MEASUREMENTS:
                 self._worker.wake()
+            self._ctx.store.slow_down(slowed_s(self._waiting + self._come_in))
 
     def _round(self) -> None:
-        self._come_in = 0
         with self._ctx.store.read() as work:
             places, waiting = work.locations.list(), work.observations.waiting()
+        self._waiting, self._come_in = sum(waiting.values()), 0
         self._worker.for_each(places, lambda place: self._shorten(place, waiting.get(place.id, 0)))
         self._prune()
 
@@ -70,3 +80,12 @@ class Compactor:
             self._pruned = now
             if pruned := prune(self._ctx, self._worker.check):
                 log.info("%d rows of old posts and jobs were pruned", pruned)
+
+
+def slowed_s(waiting: int) -> float:
+    """How long the writer is to rest after a group: the longer, the more measurements wait to be compacted.
+
+    >>> slowed_s(12_000_000), slowed_s(18_000_000), slowed_s(60_000_000)
+    (0.0, 0.125, 0.25)
+    """
+    return min(SLOWEST_S, max(0.0, SLOWEST_S * (waiting / LATE_MEASUREMENTS - 1)))

@@ -83,6 +83,33 @@ def test_many_measurements_wake_it(sqlite_url: str, monkeypatch: pytest.MonkeyPa
             until(lambda: compacted(ctx) >= 2)
 
 
+def test_posts_are_slowed_down_while_it_is_late_and_no_longer(lively: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compactor_module, "LATE_MEASUREMENTS", 1000)
+    go_on = Event()
+    monkeypatch.setattr(compactor_module, "compact", lambda *_: go_on.wait(WAIT_S))
+    make_location(lively, "door")
+    writer = lively.store._writer
+    post_many(lively, COMPACT_POSTS)
+    with working(lively):
+        for n in range(2):
+            post_states(lively, "door", np.arange(1000.0 * n, 1000.0 * n + 1000), np.ones(1000))
+        until(lambda: writer.rest_s == compactor_module.SLOWEST_S)
+        began = time.monotonic()
+        for _ in range(2):
+            post_states(lively, "door", [0.0], [1])
+        assert time.monotonic() - began >= compactor_module.SLOWEST_S
+        monkeypatch.setattr(compactor_module, "compact", compaction.compact)
+        go_on.set()
+        until(lambda: compacted(lively) >= COMPACT_POSTS)
+        until(lambda: not lively_rest(lively))
+
+
+def lively_rest(ctx: Context) -> float:
+    """How long the writer rests after a post."""
+    post_states(ctx, "door", [0.0], [1])
+    return ctx.store._writer.rest_s
+
+
 def test_it_works_while_an_update_runs(lively: Context, monkeypatch: pytest.MonkeyPatch) -> None:
     from app.services import update
 
