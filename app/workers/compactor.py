@@ -64,9 +64,11 @@ class Compactor:
             self._ctx.store.slow_down(slowed_s(self._waiting + self._come_in))
 
     def _round(self) -> None:
+        # Before they are counted: what comes in meanwhile is rather counted twice than not at all.
+        self._come_in = 0
         with self._ctx.store.read() as work:
             places, waiting = work.locations.list(), work.observations.waiting()
-        self._waiting, self._come_in = sum(waiting.values()), 0
+        self._waiting = sum(waiting.values())
         self._worker.for_each(places, lambda place: self._shorten(place, waiting.get(place.id, 0)))
         self._prune()
 
