@@ -1,6 +1,6 @@
 """The site: API, pages and viewer as one ASGI application on one port, with what runs beside them."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -11,6 +11,7 @@ from starlette.staticfiles import StaticFiles
 
 from app.api.main import BASE, create_app
 from app.services.context import Context
+from app.workers.compactor import Compactor
 from app.workers.updater import Updater
 from web.pages import routes
 from web.viewer import proxy
@@ -21,12 +22,14 @@ STATIC = Path(__file__).parent / "pages" / "static"
 
 @contextmanager
 def open_site(ctx: Context) -> Iterator[FastAPI]:
-    """The application, its updater and viewer running."""
+    """The application, its workers and viewer running."""
     with ExitStack() as stack:
-        updater = Updater(ctx)
-        updater.start()
-        stack.callback(updater.stop)
-        site = create_app(ctx, {"updater": updater.alive})
+        workers: dict[str, Updater | Compactor] = {"updater": Updater(ctx), "compactor": Compactor(ctx)}
+        for worker in workers.values():
+            worker.start()
+            stack.callback(worker.stop)
+        stack.callback(_tell_to_end, workers.values())
+        site = create_app(ctx, {name: worker.alive for name, worker in workers.items()})
         site.mount("/static", StaticFiles(directory=STATIC), name="static")
         if ctx.settings.viewer:
             viewer = ViewerServer(ctx)
@@ -36,6 +39,12 @@ def open_site(ctx: Context) -> Iterator[FastAPI]:
         site.include_router(routes.router(ctx))
         site.add_api_route("/api/docs", _documentation, include_in_schema=False)
         yield site
+
+
+def _tell_to_end(workers: Iterable[Updater | Compactor]) -> None:
+    """All of them, before any is waited for: one may wait for another."""
+    for worker in workers:
+        worker.tell_to_end()
 
 
 def _documentation() -> HTMLResponse:

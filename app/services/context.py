@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from threading import Lock
 
 from app.errors import CorruptChunkError
 from app.events.bus import Bus
@@ -27,7 +28,10 @@ class Loaded:
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """The store, the bus, the caches, the known damage and locations of one process. `clock` gives Unix seconds."""
+    """The store, the bus, the caches, the known damage and locations of one process. `clock` gives Unix seconds.
+
+    Whoever compacts or forgets a history holds `compacting` meanwhile: it reads segments that it writes later.
+    """
 
     settings: Settings
     store: Store
@@ -37,6 +41,7 @@ class Context:
     tails: ByteCache[Tail]
     damage: Damage
     places: Places
+    compacting: Lock
     clock: Callable[[], float]
 
 
@@ -54,6 +59,7 @@ def open_context(settings: Settings, clock: Callable[[], float] = time.time) -> 
             ByteCache(settings.history_cache_bytes // 2, tail_bytes),
             Damage(),
             Places(),
+            Lock(),
             clock,
         )
     finally:
@@ -62,7 +68,7 @@ def open_context(settings: Settings, clock: Callable[[], float] = time.time) -> 
 
 def tail_bytes(tail: Tail) -> int:
     """Memory of the measurements of a log's tail."""
-    return sum(13 * len(part) for _, part in tail.parts)
+    return sum(part.nbytes for _, part in tail.parts)
 
 
 def spectrum_bytes(spectrum: Spectrum) -> int:

@@ -1,5 +1,6 @@
-"""The history of locations: reading it (compacted segments and the log's tail together) and compacting the log."""
+"""The history of locations: compacted segments and the log's tail together."""
 
+from bisect import bisect_left
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,14 +14,11 @@ from app.services.context import Context
 from app.spectral.history import NEVER, UNOBSERVED, History
 from app.spectral.measurements import Measurements
 from app.spectral.segment import SEGMENT_SAMPLES, Segment, merge
-from app.storage.blobs import pack_segment
-from app.storage.observations import SegmentKey, Tail
+from app.storage.observations import Tail
 from app.storage.records import CHUNK_CELLS, LocationRecord
 from app.storage.work import Work
 
-COMPACT_MEASUREMENTS = 2_000_000
-"""Measurements that one round of compaction takes from the log: what bounds its memory."""
-HELD_MEASUREMENTS = 8_000_000
+HELD_MEASUREMENTS = 20_000_000
 """Measurements of a tail that is unpacked as a whole, and kept for other chunks and for what comes in later."""
 CHUNK_BITS = 1 << 27
 """Cells times samples of a chunk that are held at once: one measurement of 1970 must not fill the memory."""
@@ -146,7 +144,7 @@ def _segments(place: LocationRecord, start: int, stop: int) -> tuple[int, int]:
 
 def _assemble(ctx: Context, work: Work, place: LocationRecord, chunk: int, first: int, last: int) -> History:
     segments = work.observations.segments(place, chunk, first, last)
-    for number, new in _by_segment(place, _tail(ctx, work, place, chunk)):
+    for number, new in by_segment(place, _tail(ctx, work, place, chunk)):
         if first <= number <= last:
             before = segments.get(number) or Segment.empty(place.chunk_size(chunk), number)
             segments[number] = merge(before, new, place.base)
@@ -171,7 +169,7 @@ def _tail(ctx: Context, work: Work, place: LocationRecord, chunk: int) -> Measur
             place, choose=lambda part: part.select((part.cell >= cells[0]) & (part.cell < cells[1]))
         )
         _tell(ctx, place, tail)
-    return Measurements.concatenate([_of_chunk(part, chunk) for _, part in tail.parts])
+    return Measurements.concatenate([of_chunk(part, chunk) for _, part in tail.parts])
 
 
 def _read_on(ctx: Context, work: Work, place: LocationRecord) -> Tail:
@@ -182,7 +180,7 @@ def _read_on(ctx: Context, work: Work, place: LocationRecord) -> Tail:
         (compacted, through), before = cast(tuple[int, int], known[0]), known[1]
         if compacted <= place.compacted_seq <= through <= place.observation_seq:
             parts, since = [each for each in before.parts if each[0] > place.compacted_seq], through
-    new = work.observations.tail(replace(place, compacted_seq=since), choose=lambda part: _by_chunk([part]))
+    new = work.observations.tail(replace(place, compacted_seq=since), choose=by_chunk)
     _tell(ctx, place, new)
     return Tail(parts + new.parts, new.damage)
 
@@ -192,85 +190,28 @@ def _tell(ctx: Context, place: LocationRecord, tail: Tail) -> None:
         ctx.damage.found(place.id, error)
 
 
-def _readable(ctx: Context, place: LocationRecord, tail: Tail) -> Measurements:
-    """What can be read of a part of the log, chunk by chunk; what cannot is told of."""
-    _tell(ctx, place, tail)
-    return _by_chunk([part for _, part in tail.parts])
+def by_chunk(part: Measurements) -> Measurements:
+    """The same sorted by chunk and within it as they were; a single look is so already."""
+    chunks = part.cell // np.uint32(CHUNK_CELLS)
+    return part if (chunks[1:] >= chunks[:-1]).all() else part.select(np.argsort(chunks, kind="stable"))
 
 
-def _by_chunk(parts: list[Measurements]) -> Measurements:
-    """All parts, sorted by chunk and within it in their given order."""
-    every = Measurements.concatenate(parts)
-    chunks = every.cell // np.uint32(CHUNK_CELLS)
-    return every if not chunks.any() else every.select(np.argsort(chunks, kind="stable"))
-
-
-def _of_chunk(sorted_: Measurements, chunk: int) -> Measurements:
+def of_chunk(sorted_: Measurements, chunk: int) -> Measurements:
     """Those of one chunk, their cells counted from its first."""
-    # The cells are not sorted, but on which side of a chunk's border they lie is.
-    borders = np.array([chunk, chunk + 1], np.uint32) * np.uint32(CHUNK_CELLS)
-    some = sorted_.select(slice(*np.searchsorted(sorted_.cell, borders)))
-    return Measurements(some.time, some.cell - borders[0], some.state)
+    first = chunk * CHUNK_CELLS
+    # The cells are not sorted, but on which side of a chunk's border they lie is. Numpy's search would let go of the
+    # interpreter, and wait for its turn again in every part of a long tail.
+    some = sorted_.select(slice(bisect_left(sorted_.cell, first), bisect_left(sorted_.cell, first + CHUNK_CELLS)))
+    return Measurements(some.time, some.cell - np.uint32(first), some.state)
 
 
-def _by_segment(place: LocationRecord, measurements: Measurements) -> Iterator[tuple[int, Measurements]]:
+def by_segment(place: LocationRecord, measurements: Measurements) -> Iterator[tuple[int, Measurements]]:
     """The measurements of each segment, by its number."""
-    numbers = measurements.samples(place.base) // SEGMENT_SAMPLES
-    present = np.unique(numbers).tolist()
-    for number in present:
-        yield number, measurements if len(present) == 1 else measurements.select(numbers == number)
-
-
-def compact(ctx: Context, place: LocationRecord) -> None:
-    """Move the log's tail into segments, round by round, until nothing is left of what was there at the start."""
-    with ctx.store.read() as work:
-        target = work.locations.by_id(place.id).observation_seq
-    while _compact_some(ctx, place.id, target):
-        pass
-    ctx.store.write(lambda work: work.observations.give_back())
-
-
-def forget(ctx: Context, place: LocationRecord) -> None:
-    """Drop compacted history that is older than the location's `retention`."""
-    with ctx.store.read() as work:
-        place = work.locations.by_id(place.id)
-    if place.retention_s is None or place.last_time is None:
+    if not len(measurements):
         return
-    before = int(place.base.sample(place.last_time - place.retention_s))
-    if before > span(place)[0]:
-        ctx.store.write(lambda work: work.observations.forget(place, before))
-        ctx.histories.drop(lambda key: isinstance(key, tuple) and key[0] == place.id)
-
-
-def _compact_some(ctx: Context, location_id: int, target: int) -> bool:
-    """One round; whether there may be more to do."""
-    with ctx.store.read() as work:
-        place = work.locations.by_id(location_id)
-        if place.compacted_seq >= target:
-            return False
-        tail = work.observations.tail(place, COMPACT_MEASUREMENTS)
-    # A compaction that is overtaken stores nothing, so no transaction is held for its length.
-    merged = dict(_merge_all(ctx, place, _readable(ctx, place, tail)))
-    ctx.store.write(lambda work: work.observations.compact(place, tail.through, merged, tail.damage))
-    return True
-
-
-def _merge_all(ctx: Context, place: LocationRecord, measurements: Measurements) -> Iterator[tuple[SegmentKey, bytes]]:
-    """The segments that the measurements (sorted by chunk) change, packed; one at a time is held unpacked."""
-    for chunk in np.unique(measurements.cell // np.uint32(CHUNK_CELLS)).tolist():
-        for number, new in _by_segment(place, _of_chunk(measurements, chunk)):
-            with ctx.store.read() as work:
-                key, before = _before(ctx, work, place, (chunk, number))
-            segment = before or Segment.empty(place.chunk_size(chunk), number)
-            yield key, pack_segment(merge(segment, new, place.base))
-
-
-def _before(ctx: Context, work: Work, place: LocationRecord, key: SegmentKey) -> tuple[SegmentKey, Segment | None]:
-    """What is stored of a segment, and where; of a damaged one what was put aside for it."""
-    chunk, number = key
-    try:
-        return key, work.observations.segments(place, chunk, number, number).get(number)
-    except CorruptChunkError as error:
-        # Its bytes stay as they are, for whoever can mend them; what is new is kept beside them.
-        ctx.damage.found(place.id, error)
-        return (-1 - chunk, number), work.observations.put_aside(place, chunk, number)
+    numbers = measurements.samples(place.base) // SEGMENT_SAMPLES
+    if numbers.min() == numbers.max():
+        yield int(numbers[0]), measurements
+        return
+    for number in np.unique(numbers).tolist():
+        yield number, measurements.select(numbers == number)

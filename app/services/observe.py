@@ -74,6 +74,9 @@ def _judged(
         except CorruptChunkError as error:
             ctx.damage.found(place.id, error)
             return place, []
+        if fit.place.id != place.id:
+            # Another one took its name meanwhile: this post was for one that is gone, as its storing will find.
+            return place, []
         place, spectrum = fit.place, fit.spectrum
     return place, judge(place, spectrum, measurements)
 

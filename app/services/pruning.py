@@ -11,18 +11,19 @@ KEPT_JOBS = 10
 """Finished jobs of a location that stay however old they are."""
 
 
-def prune(ctx: Context, go_on: Callable[[], bool] = lambda: True) -> int:
+def prune(ctx: Context, check: Callable[[], None] = lambda: None) -> int:
     """Delete idempotency keys, with the rows of the log that stood for them alone, and finished jobs; how many rows.
 
-    Both only after the time that the settings say. Stops between two transactions where `go_on` says no.
-    Raises BusyError.
+    Both only after the time that the settings say. `check` is called between two transactions; what it raises ends
+    this. Raises BusyError.
     """
     with ctx.store.read() as work:
         locations = list(work.locations.names())
     pruned = 0
     for location_id, step in product(locations, (_prune_log, _prune_jobs)):
         deleted = ROWS
-        while deleted == ROWS and go_on():
+        while deleted == ROWS:
+            check()
             deleted = step(ctx, location_id)
             pruned += deleted
     return pruned

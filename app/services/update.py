@@ -7,8 +7,9 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from app.errors import CorruptChunkError, InvalidInputError
+from app.services.compaction import compact, forget
 from app.services.context import Context
-from app.services.history import compact, forget, read_compacted, window
+from app.services.history import read_compacted, window
 from app.spectral.history import History
 from app.spectral.model import refit
 from app.spectral.outliers import count
@@ -30,6 +31,10 @@ class Executor(Protocol):
 
     def map(self, task: Callable[[Item], Value], items: Iterable[Item]) -> Iterable[Value]:
         """Results, as they become known in order."""
+        ...
+
+    def check(self) -> None:
+        """Raises ShuttingDownError where nothing more is to be begun."""
         ...
 
 
@@ -62,14 +67,14 @@ def run_update(
     """A new revision, visible once its last chunk is stored. Chunks whose history is damaged are left out of it.
 
     Raises LocationNotFoundError, InvalidInputError when there is nothing to fit, CorruptChunkError when nothing of it
-    can be read.
+    can be read, ShuttingDownError when the executor is closed.
     """
     with ctx.store.read() as work:
         place = work.locations.by_id(location_id)
-    compact(ctx, place)
+    compact(ctx, place, executor.check)
     forget(ctx, place)
     progress(0.1)
-    plan = _plan(ctx, place, request)
+    plan = _plan(ctx, place, request, executor.check)
     wrong = observed = 0
     damage: list[CorruptChunkError] = []
     for i, fit in enumerate(executor.map(lambda chunk: _update_chunk(ctx, plan, chunk), range(plan.place.n_chunks))):
@@ -88,14 +93,14 @@ def run_update(
     return record
 
 
-def _plan(ctx: Context, before: LocationRecord, request: UpdateRequest) -> Plan:
+def _plan(ctx: Context, before: LocationRecord, request: UpdateRequest, check: Callable[[], None]) -> Plan:
     """The plan of an update of what had come in `before`; what came in since waits for the next."""
     with ctx.store.read() as work:
         place = _limited(work.locations.by_id(before.id), before)
         number = work.spectra.next_number(place.id)
     history = window(ctx, place)
     asked = _asked_samples(place, history, request)
-    selection = _select(ctx, place, asked, request)
+    selection = _select(ctx, place, asked, request, check)
     start, stop = asked
     if selection.estimator == "fft" and request.start is None and request.stop is None:
         start, stop = fit_window(start, stop, place.interval_s)
@@ -128,7 +133,9 @@ def _asked_samples(place: LocationRecord, history: tuple[int, int], request: Upd
     return start, stop
 
 
-def _select(ctx: Context, place: LocationRecord, samples: tuple[int, int], request: UpdateRequest) -> Selection:
+def _select(
+    ctx: Context, place: LocationRecord, samples: tuple[int, int], request: UpdateRequest, check: Callable[[], None]
+) -> Selection:
     """`auto`, within what the request and the location leave open; without a reason where they leave nothing."""
     estimator = request.estimator or place.estimator
     order = request.order if request.order is not None else (place.order or "auto")
@@ -137,15 +144,16 @@ def _select(ctx: Context, place: LocationRecord, samples: tuple[int, int], reque
     if estimator == "fft" and isinstance(order, int):
         return Selection(estimator, order, (), "", 0, place.time_zone)
     orders = ORDERS if order == "auto" else (int(order),)
-    sampled = _sample_cells(ctx, place, samples)
-    return choose(sampled, place.base, orders, SELECTION_CELLS, place.time_zone, estimator)
+    sampled = _sample_cells(ctx, place, samples, check)
+    return choose(sampled, place.base, orders, SELECTION_CELLS, place.time_zone, estimator, check)
 
 
-def _sample_cells(ctx: Context, place: LocationRecord, samples: tuple[int, int]) -> History:
+def _sample_cells(ctx: Context, place: LocationRecord, samples: tuple[int, int], check: Callable[[], None]) -> History:
     """The histories of changing cells, spread evenly over some chunks that can be read."""
     n_chunks = min(place.n_chunks, SELECTION_CELLS)
     parts = [History.empty(0, samples[0], samples[1] - samples[0])]
     for chunk in np.linspace(0, place.n_chunks - 1, n_chunks).astype(int).tolist():
+        check()
         try:
             history = read_compacted(ctx, place, chunk, *samples)
         except CorruptChunkError:

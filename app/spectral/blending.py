@@ -146,6 +146,7 @@ def _fits(task: Task, priors: Sequence[Prior], design: NDArray[np.float32]) -> N
     past = _past(task, lives)
     beta = np.empty((len(priors), *shape, design.shape[1]), np.float32)
     for alike in kinds(priors):
+        task.check()
         life = [lives.index(priors[i].half_life_days) for i in alike]
         seen, full = (each[life].reshape(-1, design.shape[0]) for each in (past.seen, past.full))
         evidence = np.repeat([np.float32(priors[i].evidence) for i in alike], shape[0] * shape[1])

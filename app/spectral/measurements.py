@@ -28,6 +28,11 @@ class Measurements:
     def __len__(self) -> int:
         return len(self.time)
 
+    @property
+    def nbytes(self) -> int:
+        """The memory it takes; a time that is said once for all takes none."""
+        return self.cell.nbytes + self.state.nbytes + (self.time.nbytes if self.time.strides[0] else 0)
+
     def select(self, rows: NDArray[np.generic] | slice) -> "Measurements":
         """The measurements of some rows (a mask, indices or a slice)."""
         return Measurements(self.time[rows], self.cell[rows], self.state[rows])
@@ -65,6 +70,8 @@ class Measurements:
         """All parts, one after the other."""
         if not parts:
             return cls(np.empty(0), np.empty(0, np.uint32), np.empty(0, np.uint8))
+        if len(parts) == 1:
+            return parts[0]
         return cls(
             np.concatenate([part.time for part in parts]),
             np.concatenate([part.cell for part in parts]),

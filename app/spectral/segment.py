@@ -40,26 +40,63 @@ def merge(segment: Segment, measurements: Measurements, base: TimeBase) -> Segme
     """The segment with the measurements in it; neither their order nor earlier merges matter, to the last bit.
 
     `measurements.cell` counts from the chunk's first cell and all samples lie in the segment (ValueError).
-    O(measurements), and where a sample holds several times + n_cells x n_samples.
+    O(measurements + bytes of the segment), and where a sample holds several times + n_cells x the samples from the
+    first to the last that is measured: robots mostly see the latest.
     """
+    if not len(measurements):
+        return segment
     start, n_samples = segment.history.start, segment.history.n_samples
     sample = measurements.samples(base) - start
-    if len(sample) and (sample.min() < 0 or sample.max() >= n_samples):
+    if sample.min() < 0 or sample.max() >= n_samples:
         raise ValueError("a measurement lies outside of the segment")
+    # Whole bytes of the planes.
+    low, high = int(sample.min()) // 8 * 8, min(n_samples, int(sample.max()) // 8 * 8 + 8)
+    times = np.searchsorted(base.sample(segment.time) - start, [low, high])
+    part = _merge(_cut(segment, low, high, times), measurements, sample - low, base)
+    return _paste(segment, part, low, high, times, base)
+
+
+def _cut(segment: Segment, low: int, high: int, times: NDArray[np.int64]) -> Segment:
+    """What a segment holds of its samples [low, high), whole bytes of them, whose times are those of the slice."""
+    planes = [plane[:, low // 8 : -(-high // 8)].copy() for plane in _planes(segment)]
+    rank = None if segment.rank is None else segment.rank[:, low:high].copy()
+    return Segment(History(segment.history.start + low, high - low, *planes), segment.time[slice(*times)], rank)
+
+
+def _paste(segment: Segment, part: Segment, low: int, high: int, times: NDArray[np.int64], base: TimeBase) -> Segment:
+    """The segment with `part` in the place of what `_cut` took of it."""
+    observed, occupied = (plane.copy() for plane in _planes(segment))
+    for plane, new in zip((observed, occupied), _planes(part), strict=True):
+        plane[:, low // 8 : -(-high // 8)] = new
+    history = History(segment.history.start, segment.history.n_samples, observed, occupied)
+    time = np.concatenate([segment.time[: times[0]], part.time, segment.time[times[1] :]])
+    if not (np.diff(base.sample(time)) == 0).any():
+        return Segment(history, time, None)
+    rank = np.zeros((history.n_cells, history.n_samples), np.uint16) if segment.rank is None else segment.rank.copy()
+    rank[:, low:high] = 0 if part.rank is None else part.rank
+    return Segment(history, time, rank)
+
+
+def _planes(segment: Segment) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    return segment.history.observed, segment.history.occupied
+
+
+def _merge(segment: Segment, measurements: Measurements, sample: NDArray[np.int64], base: TimeBase) -> Segment:
+    """As `merge`, at the cost of the whole segment; `sample` counts from its first. Its planes are written to."""
+    start, n_samples = segment.history.start, segment.history.n_samples
     heads = measurements.heads
     table = np.union1d(segment.time, measurements.time[heads])
     first = np.searchsorted(base.sample(table) - start, np.arange(n_samples + 1))
-    history = segment.history
-    observed, occupied = history.observed.copy(), history.occupied.copy()
+    observed, occupied = _planes(segment)
     cell = measurements.cell.astype(np.int64)
     if np.diff(first).max(initial=0) <= 1:
         _put(observed, occupied, cell, sample, measurements.state)
-        return Segment(History(start, n_samples, observed, occupied), table, None)
+        return Segment(segment.history, table, None)
     entry = np.searchsorted(table, measurements.time[heads]) - first[sample[heads]]
     entry = np.repeat(entry, np.diff(heads, append=len(sample))).astype(np.int32)
     rank = _ranks(segment, table, first, base)
     _put_ranked(observed, occupied, rank, cell, sample, entry, measurements.state)
-    return _canonical(History(start, n_samples, observed, occupied), table, rank, first)
+    return _canonical(segment.history, table, rank, first)
 
 
 def forget(segment: Segment, before: int, base: TimeBase) -> Segment:

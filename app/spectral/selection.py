@@ -1,7 +1,7 @@
 """Selection: `auto`, the choice of estimator, order and priors by what predicted a history's own days best."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -68,6 +68,7 @@ def choose(
     max_cells: int = 64,
     time_zone: str | None = None,
     estimator: str = "auto",
+    check: Callable[[], None] = lambda: None,
 ) -> Selection:
     """The candidate with the least log loss on days it was not fitted to.
 
@@ -75,7 +76,8 @@ def choose(
     in parts of up to a week, each from all before it. Cells that change, spread evenly over all of
     them, pooled. The same history always gives the same choice; of equal candidates the simpler one.
     `calendar` is tried where a time zone is given. Of a single order that is the order of all; of
-    several they are those of `fft`. Another `estimator` than auto leaves only the rest open.
+    several they are those of `fft`. Another `estimator` than auto leaves only the rest open. It takes
+    seconds; `check` is called meanwhile, and what it raises ends it.
     """
     days = math.floor(history.n_samples * base.interval_s / DAY_S + 1e-9)
     if days < MIN_DAYS:
@@ -87,7 +89,7 @@ def choose(
     if not changing.size:
         return _without(estimator, orders, time_zone, "no cell has changed")
     most = MOST_TRIALS if changing.size <= FEW_CELLS else MOST_TRIALS // 2
-    task = trials.task(recent.cells(changing), base, time_zone or "UTC", most)
+    task = replace(trials.task(recent.cells(changing), base, time_zone or "UTC", most), check=check)
     mixed = blend(task) if time_zone is not None and estimator in ("auto", "calendar") else None
     table = tuple(_table(task, sorted(set(orders)), mixed, estimator))
     return _decide(table, task, mixed, time_zone, estimator, orders)
@@ -141,6 +143,7 @@ def _tried(task: Task, estimator: str, orders: Sequence[int]) -> list[NDArray[np
     """What each order predicted, (n_trials, n_cells, 672): fitted once, smaller ones are first components."""
     every = [trials.empty(task) for _ in orders]
     for i, trial in enumerate(task.trials):
+        task.check()
         past = task.past(trial)
         window = fit_window(past.start, past.stop, task.base.interval_s)
         if window[0] == window[1]:

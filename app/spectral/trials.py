@@ -1,6 +1,6 @@
 """Trials: parts of a history to be predicted from the rest, and how well probabilities did on them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -50,7 +50,10 @@ def plan(n_days: int, most: int = MOST_TRIALS) -> list[Trial]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Task:
-    """Some cells, the trials on them, and what was then seen: (n_trials, n_cells, 672) visits by slot."""
+    """Some cells, the trials on them, and what was then seen: (n_trials, n_cells, 672) visits by slot.
+
+    `check` is called between the steps of what takes long; what it raises ends that.
+    """
 
     history: History
     base: TimeBase
@@ -58,6 +61,7 @@ class Task:
     time_zone: str
     trials: Sequence[Trial]
     truth: Weeks
+    check: Callable[[], None] = lambda: None
 
     @property
     def cells(self) -> NDArray[np.int64]:

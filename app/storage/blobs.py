@@ -11,7 +11,7 @@ from app.spectral.measurements import Measurements
 from app.spectral.patterns import distinct, spread, transpose
 from app.spectral.segment import SEGMENT_SAMPLES, Segment
 from app.spectral.spectrum import Spectrum
-from app.storage.codec import SMALL, seal, unseal
+from app.storage.codec import QUICK, SMALL, seal, unseal
 
 _SPECTRUM = ("frequency_hz", "gate", "mean", "cell", "index", "coefficient")
 """The arrays of a spectrum."""
@@ -47,13 +47,18 @@ def unpack_measurements(blob: bytes, what: str) -> Measurements:
     """The inverse of `pack_measurements`."""
     columns = cast(dict[str, Any], unseal(blob, what, "time", "run", "first", "step", "state"))
     run = columns["run"]
-    time = np.repeat(columns["time"], run)
+    time = _repeated(columns["time"], run)
     # Sums that grow past 32 bits wrap around, and so come out right.
-    total = np.cumsum(columns["step"], dtype=np.uint32)
-    heads = np.cumsum(run, dtype=np.int64) - run
-    cell = total + np.repeat(columns["first"] - total[heads], run)
+    cell = np.cumsum(columns["step"], dtype=np.uint32)
+    off = columns["first"] - cell[np.cumsum(run, dtype=np.int64) - run]
+    cell += off if len(run) == 1 else np.repeat(off, run)
     state = np.unpackbits(columns["state"], count=len(time), bitorder="little")
     return Measurements(time, cell, state)
+
+
+def _repeated(time: NDArray[np.float64], run: NDArray[np.uint32]) -> NDArray[np.float64]:
+    """The time of every measurement; a single time, which most posts have, takes no memory for each of them."""
+    return np.repeat(time, run) if len(run) != 1 else np.broadcast_to(time.copy(), int(run[0]))
 
 
 def pack_spectrum(spectrum: Spectrum) -> bytes:
@@ -121,7 +126,8 @@ def pack_segment(segment: Segment) -> bytes:
     }
     if segment.rank is not None:
         columns["rank"] = narrow(segment.rank)
-    return seal(columns, SMALL)
+    # Ranks, which differ from cell to cell, get no smaller by trying harder, and take ten times as long.
+    return seal(columns, SMALL if segment.rank is None else QUICK)
 
 
 def unpack_segment(blob: bytes, number: int, what: str) -> Segment:

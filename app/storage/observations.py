@@ -1,7 +1,7 @@
 """The repository of the observation log and of the compacted history."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Collection, Generator, Mapping, Sequence
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from itertools import takewhile
 from typing import Any
@@ -37,16 +37,25 @@ SegmentKey = tuple[int, int]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Packed:
+    """An observation that is not compacted yet, as it is stored; `what` names it."""
+
+    number: int
+    measurements: int
+    payload: bytes
+    what: str
+
+    def unpack(self) -> Measurements:
+        """Raises CorruptChunkError."""
+        return unpack_measurements(self.payload, self.what)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Tail:
     """Observations that are not compacted yet, with their numbers; those that cannot be read are in `damage`."""
 
     parts: list[tuple[int, Measurements]]
     damage: dict[int, CorruptChunkError]
-
-    @property
-    def through(self) -> int:
-        """The last number."""
-        return max([*self.damage, *(number for number, _ in self.parts)])
 
 
 class Observations:
@@ -77,35 +86,39 @@ class Observations:
         self._connection.execute(_APPEND, rows)
         return first
 
-    def tail(
-        self,
-        place: LocationRecord,
-        most: int | None = None,
-        choose: Callable[[Measurements], Measurements] = lambda every: every,
-    ) -> Tail:
-        """The observations that are not compacted yet; of each what `choose` takes.
+    def packed(self, place: LocationRecord, most: int) -> list[Packed]:
+        """The earliest observations that are not compacted yet: those with at most so many measurements, or one."""
+        rows: list[Packed] = []
+        total = 0
+        with closing(self._pending(place)) as pending:
+            for row in pending:
+                total += row.measurements
+                if rows and total > most:
+                    break
+                rows.append(row)
+        return rows
 
-        With `most`, the earliest of them that hold no more measurements together, but at least one.
-        """
+    def tail(self, place: LocationRecord, choose: Callable[[Measurements], Measurements] = lambda every: every) -> Tail:
+        """The observations that are not compacted yet; of each what `choose` takes."""
+        tail = Tail([], {})
+        with closing(self._pending(place)) as pending:
+            for row in pending:
+                try:
+                    tail.parts.append((row.number, choose(row.unpack())))
+                except CorruptChunkError as error:
+                    tail.damage[row.number] = error.with_traceback(None)
+        return tail
+
+    def _pending(self, place: LocationRecord) -> Generator[Packed]:
         query = (
             select(observation.c.id, observation.c.measurements, observation.c.payload)
             .where(observation.c.location_id == place.id, observation.c.id > place.compacted_seq)
             .where(observation.c.id <= place.observation_seq)
             .order_by(observation.c.id)
         )
-        tail = Tail([], {})
-        total = 0
         with self._connection.execute(query, execution_options={"yield_per": 64}) as rows:
             for row in rows:
-                total += row.measurements
-                if tail.parts and most is not None and total > most:
-                    break
-                what = f"observation {row.id} of location {place.name!r}"
-                try:
-                    tail.parts.append((row.id, choose(unpack_measurements(row.payload, what))))
-                except CorruptChunkError as error:
-                    tail.damage[row.id] = error.with_traceback(None)
-        return tail
+                yield Packed(*row, f"observation {row.id} of location {place.name!r}")
 
     def pending(self, place: LocationRecord) -> int:
         """How many measurements of a location are not compacted yet."""

@@ -10,6 +10,7 @@ from sqlalchemy.exc import DBAPIError
 
 from app.errors import DatabaseUnusableError, StorageUnavailableError
 from app.storage.engine import open_reader, open_writer
+from app.storage.gate import Gate
 from app.storage.migrate import check_version, current_version, migrate
 from app.storage.trouble import Trouble, means_trouble
 from app.storage.work import Work
@@ -65,6 +66,7 @@ class Store:
 
     def __init__(self, url: str, commit_queue: int = 1024, commit_batch: int = 128) -> None:
         self._reading = Trouble("read")
+        self._gate = Gate()
         self._reader = open_reader(url)
         try:
             with usable(url), self._reader.begin() as connection:
@@ -73,13 +75,16 @@ class Store:
             self._reader.dispose()
             raise
         self._writer_engine = open_writer(url)
-        self._writer = Writer(self._writer_engine, commit_queue, commit_batch)
+        self._writer = Writer(self._writer_engine, commit_queue, commit_batch, self._gate)
 
     @contextmanager
     def read(self) -> Iterator[Work]:
-        """A unit of work that sees one snapshot and writes nothing. Raises StorageUnavailableError."""
+        """A unit of work that sees one snapshot and writes nothing. Raises StorageUnavailableError.
+
+        Short ones are better, and it waits for no write inside: the writer may be waiting for it.
+        """
         try:
-            with self._reader.connect() as connection, connection.begin() as transaction:
+            with self._gate.inside(), self._reader.connect() as connection, connection.begin() as transaction:
                 yield Work.on(connection)
                 transaction.rollback()
         except DBAPIError as error:
@@ -91,7 +96,7 @@ class Store:
 
     def check_schema(self) -> None:
         """Raise SchemaVersionError where somebody has changed the schema since the start; about 5 ms."""
-        with self._reader.connect() as connection, connection.begin() as transaction:
+        with self._gate.inside(), self._reader.connect() as connection, connection.begin() as transaction:
             check_version(connection)
             transaction.rollback()
 
@@ -109,6 +114,10 @@ class Store:
         """Queue a write and wait until it is durable; `then` as in `Writer.submit`."""
         return self._writer.submit(run, then).result()
 
+    def slow_down(self, rest_s: float) -> None:
+        """Let the writer rest so long after every group commit, from now on: whoever posts waits for it."""
+        self._writer.rest_s = rest_s
+
     def trouble(self) -> str | None:
         """Why the database cannot be written, as the last write showed; None when it can."""
         return self._writer.trouble.reason
@@ -118,7 +127,8 @@ class Store:
         return self._writer.waiting()
 
     def close(self) -> None:
-        """Finish the writes that were taken and let go of the database."""
+        """Finish the writes that were taken and let go of the database; whoever goes on reading is told so."""
         self._writer.close()
+        self._gate.close()
         self._reader.dispose()
         self._writer_engine.dispose()

@@ -1,6 +1,7 @@
 """The one writer: a thread that takes writes from a bounded queue and commits them in groups."""
 
 import logging
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from sqlalchemy.exc import DBAPIError
 from app.errors import QueueFullError, ShuttingDownError, StorageUnavailableError, TidemapError
 from app.storage.checkpoint import Checkpoints
 from app.storage.counters import take
+from app.storage.gate import Gate
 from app.storage.trouble import Trouble, means_trouble
 from app.storage.work import Work
 
@@ -39,14 +41,16 @@ class Writer:
 
     A write may be run again, and so does nothing but what its transaction undoes."""
 
-    def __init__(self, engine: Engine, queue_length: int, batch: int) -> None:
+    def __init__(self, engine: Engine, queue_length: int, batch: int, gate: Gate) -> None:
         self._engine = engine
         self._batch = batch
         self._queue: Queue[_Write[Any, Any] | None] = Queue(queue_length)
         self.trouble = Trouble("written")
         self._gate = Lock()
         self._closed = False
-        self._checkpoints = Checkpoints(engine)
+        self._checkpoints = Checkpoints(engine, gate)
+        self.rest_s = 0.0
+        """How long it rests after every group: larger groups are what comes of it, and senders that wait."""
         self._thread = Thread(target=self._loop, name="tidemap-writer", daemon=True)
         self._thread.start()
 
@@ -97,6 +101,7 @@ class Writer:
 
     def _care(self) -> None:
         """What is done between commits and harms none of them when it fails."""
+        time.sleep(self.rest_s)
         try:
             self._checkpoints.care()
         except Exception:

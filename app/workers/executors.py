@@ -26,7 +26,17 @@ class LocalExecutor:
                 raise ShuttingDownError from None
             raise
 
-    def close(self) -> None:
+    def check(self) -> None:
+        """Raises ShuttingDownError once nothing more is to be started."""
+        if self._closed:
+            raise ShuttingDownError
+
+    def tell_to_end(self) -> None:
         """Let running tasks end and start no more."""
         self._closed = True
-        self._pool.shutdown(wait=True, cancel_futures=True)
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+    def close(self) -> None:
+        """The same, and wait until they have ended."""
+        self.tell_to_end()
+        self._pool.shutdown()

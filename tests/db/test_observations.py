@@ -106,7 +106,9 @@ def test_the_tail_is_what_is_not_compacted(store: Store, place: LocationRecord) 
                 (float(t), int(c), int(s)) for t, c, s in zip(part.time, part.cell, part.state, strict=True)
             ] == batch
         for most, count in ((0, 1), (3, 1), (4, 2), (8, 2), (9, 3), (10, 3), (11, 4), (99, 4)):
-            assert len(work.observations.tail(work.locations.get("door"), most).parts) == count
+            packed = work.observations.packed(work.locations.get("door"), most)
+            assert [row.number for row in packed] == [1, 2, 3, 4][:count]
+            assert [len(row.unpack()) for row in packed] == [row.measurements for row in packed]
     assert store.write(lambda work: work.observations.compact(now(store, place), 2, {}))
     with store.read() as work:
         assert [number for number, _ in work.observations.tail(work.locations.get("door")).parts] == [3, 4]

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from app.errors import ShuttingDownError
 from app.schemas.locations import LocationPatch
 from app.services import pruning
 from app.services.context import Context
@@ -93,8 +94,14 @@ def test_small_transactions_until_nothing_is_left(ctx: Context, clock: Clock, mo
         post(ctx, number)
     compact_now(ctx)
     clock.now += WEEK_S + 1
-    answers = iter([True, True, False])
-    assert prune(ctx, lambda: next(answers, False)) == 8
+    steps = iter(range(2))
+
+    def check() -> None:
+        if next(steps, None) is None:
+            raise ShuttingDownError
+
+    with pytest.raises(ShuttingDownError):
+        prune(ctx, check)
     assert log_of(ctx) == [9, 10]
     assert prune(ctx) == 2
 

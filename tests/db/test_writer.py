@@ -12,6 +12,7 @@ from sqlalchemy import Connection, Engine, event, insert, select, text
 
 from app.errors import KeyNotFoundError, QueueFullError, ShuttingDownError, StorageUnavailableError, TidemapError
 from app.storage.engine import open_reader, open_writer
+from app.storage.gate import Gate
 from app.storage.records import LocationRecord
 from app.storage.store import Store
 from app.storage.tables import api_key
@@ -35,7 +36,7 @@ def engine(database_url: str) -> Iterator[Engine]:
 @pytest.fixture
 def writer(engine: Engine) -> Iterator[Writer]:
     """A writer with room for eight."""
-    made = Writer(engine, queue_length=8, batch=4)
+    made = Writer(engine, queue_length=8, batch=4, gate=Gate())
     yield made
     made.close()
 
@@ -181,7 +182,7 @@ def test_a_full_queue_refuses_and_goes_on_later(writer: Writer, database_url: st
 
 
 def test_closing_finishes_what_was_taken_and_takes_no_more(engine: Engine, database_url: str) -> None:
-    writer = Writer(engine, queue_length=8, batch=4)
+    writer = Writer(engine, queue_length=8, batch=4, gate=Gate())
     with ThreadPoolExecutor(1) as pool:
         with held(writer):
             futures = [writer.submit(key(f"k{n}")) for n in range(8)]
@@ -397,7 +398,7 @@ def test_a_log_file_that_readers_kept_open_is_emptied_when_they_let_go(
 ) -> None:
     only_on(engine, "sqlite")
     monkeypatch.setattr("app.storage.checkpoint.MOST_BYTES", 50_000)
-    monkeypatch.setattr("app.storage.checkpoint.PATIENCE_MS", 1)
+    monkeypatch.setattr("app.storage.checkpoint.PATIENCE_S", 0.001)
     monkeypatch.setattr("app.storage.checkpoint.REST_S", 0.0)
     log = Path(database_url.removeprefix("sqlite:///") + "-wal")
     with store.read() as work:

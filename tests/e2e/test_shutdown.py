@@ -1,14 +1,21 @@
-"""Told to stop, the server answers every post that it is being sent, stores what it acknowledged, and takes no more."""
+"""Told to stop, the server answers every post that it is being sent, stores what it acknowledged, and takes no more.
+
+Whatever it does beside them it leaves, and takes up again at the next start.
+"""
 
 import json
 import socket
+import sqlite3
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
 
 import httpx
+import numpy as np
 import pytest
 
+from app.services.verify import verify
+from tests.api.house import ARROW, arrow
 from tests.support.server import ServerProcess, StartServer
 
 CLIENTS = 24
@@ -99,3 +106,84 @@ def test_a_sender_that_never_ends_does_not_keep_it_from_stopping(running: Server
     running.restart()
     with api(running) as http:
         assert http.get("/locations/door").json()["observations"] == 0
+
+
+GRID = {"frame": "map", "origin": [0, 0, 0], "resolution_m": 0.1, "shape": [100, 100, 20]}
+CELLS, LOOKS = 200_000, 30
+
+
+@pytest.fixture
+def busy(server: StartServer) -> ServerProcess:
+    """A server with some seconds of compaction and many chunks of an update to do, and nothing of it done."""
+    started = server(env={"TIDEMAP_VIEWER": "false", "TIDEMAP_UPDATER": "false"})
+    cells = np.arange(CELLS, dtype=np.uint32)
+    form = {"name": "lab", "kind": "grid3d", "interval_s": 60, "estimator": "fft", "order": 3, "grid": GRID}
+    with api(started) as http:
+        assert http.post("/locations", json=form).status_code == 201
+        for look in range(LOOKS):
+            state = ((cells // 7 + look) % 3 == 0).astype(np.uint8)
+            body = arrow({"time": np.full(CELLS, 1.7e9 + 60.0 * look), "cell": cells, "state": state})
+            headers = {"Content-Type": ARROW}
+            assert http.post("/locations/lab/observations", content=body, headers=headers).status_code == 201
+    return started
+
+
+def updating(server: ServerProcess, progress: float) -> int:
+    """Ask for an update and wait until it has come so far; the job's number."""
+    with api(server) as http:
+        number = http.post("/locations/lab/update", json={}).json()["id"]
+        deadline = time.monotonic() + 60
+        while (job := http.get(f"/jobs/{number}").json())["state"] != "running" or job["progress"] < progress:
+            assert job["state"] in ("queued", "running"), job
+            assert time.monotonic() < deadline, job
+            time.sleep(0.005)
+    return int(number)
+
+
+@pytest.mark.parametrize(("progress", "compacted"), [(0.0, 0), (0.12, LOOKS)], ids=["compacting", "fitting"])
+def test_an_update_is_left_and_runs_again_at_the_next_start(
+    busy: ServerProcess, progress: float, compacted: int
+) -> None:
+    number = updating(busy, progress)
+    assert busy.stop() == 0
+    path = busy.data / "tidemap.db"
+    with closing(sqlite3.connect(path)) as database:
+        assert database.execute("SELECT compacted_seq, revision FROM location").fetchone() == (compacted, 0)
+        assert database.execute("SELECT state FROM job WHERE id = ?", (number,)).fetchone() == ("running",)
+    busy.restart()
+    with api(busy) as http:
+        deadline = time.monotonic() + 120
+        while (job := http.get(f"/jobs/{number}").json())["state"] != "done":
+            assert job["state"] in ("queued", "running"), job
+            assert time.monotonic() < deadline, job
+            time.sleep(0.05)
+        place = http.get("/locations/lab").json()
+    assert (place["observations"], place["revision"]) == (CELLS * LOOKS, job["result"]["revision"])
+    assert busy.stop() == 0
+    findings: list[object] = []
+    verify(f"sqlite:///{path}", findings.append)
+    assert findings == []
+    assert "Traceback" not in busy.output()
+
+
+def test_a_compaction_is_left_and_goes_on_at_the_next_start(busy: ServerProcess, server: StartServer) -> None:
+    busy.stop()
+    path = busy.data / "tidemap.db"
+
+    def compacted() -> int:
+        with closing(sqlite3.connect(path)) as database:
+            return int(database.execute("SELECT compacted_seq FROM location").fetchone()[0])
+
+    # It is compacted from the start on, and no update is due.
+    running = server(database_url=f"sqlite:///{path}", env={"TIDEMAP_VIEWER": "false", "TIDEMAP_UPDATE_SAMPLES": "99"})
+    assert running.stop() == 0
+    assert compacted() == 0
+    running.restart()
+    deadline = time.monotonic() + 120
+    while compacted() < LOOKS:
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    assert running.stop() == 0
+    findings: list[object] = []
+    verify(f"sqlite:///{path}", findings.append)
+    assert findings == []

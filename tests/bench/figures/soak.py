@@ -1,14 +1,18 @@
 """soak: a server under posts, questions, updates and compaction for ten minutes: its memory late against early.
 
+Also how long it takes to stop in the midst of it all, and what is left to be compacted then.
+
 `SOAK_S=240 python -m tests.bench soak` takes another time.
 """
 
 import asyncio
 import os
+import sqlite3
 import statistics
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -31,12 +35,14 @@ ENVIRONMENT = {"TIDEMAP_VIEWER": "false", "TIDEMAP_LOG_LEVEL": "warning", "TIDEM
 
 @dataclass(slots=True)
 class Seen:
-    """What was seen on the way: seconds of every post and question; (seconds, megabytes) of memory; the WAL's size."""
+    """What was seen on the way: seconds of every post and question; (seconds, megabytes) of memory; the WAL's size, and
+    how many posts are not compacted yet."""
 
     posts_s: list[float] = field(default_factory=list)
     questions_s: list[float] = field(default_factory=list)
     memory: list[tuple[float, float]] = field(default_factory=list)
     wal_mb: list[float] = field(default_factory=list)
+    log_posts: list[int] = field(default_factory=list)
 
 
 def measure(length_s: float = float(os.environ.get("SOAK_S", "600"))) -> Figure:
@@ -49,7 +55,9 @@ def measure(length_s: float = float(os.environ.get("SOAK_S", "600"))) -> Figure:
         try:
             seen = asyncio.run(_soak(server, path, length_s))
         finally:
+            told = time.perf_counter()
             server.stop()
+        stop_s = time.perf_counter() - told
         file_mb = path.stat().st_size / 1e6
     early, late = (_memory(seen, length_s, *part) for part in ((0.25, 0.5), (0.75, 1.0)))
     details: dict[str, float | int | str] = {
@@ -62,6 +70,9 @@ def measure(length_s: float = float(os.environ.get("SOAK_S", "600"))) -> Figure:
         "peak_mb": round(max(size for _, size in seen.memory)),
         "wal_peak_mb": round(max(seen.wal_mb), 1),
         "file_mb": round(file_mb, 1),
+        "log_peak_posts": max(seen.log_posts),
+        "questions_per_s": round(len(seen.questions_s) / length_s, 1),
+        "stop_s": round(stop_s, 1),
         "said": len(server.output().splitlines()) - 1,
     }
     return Figure(late, early, 1.1, "MB", details)
@@ -108,7 +119,14 @@ async def _watch(server: ServerProcess, path: Path, seen: Seen, until: float) ->
     while (now := time.perf_counter()) < until:
         seen.memory.append((now - started, memory_mb(server.process.pid)))
         seen.wal_mb.append(wal.stat().st_size / 1e6 if wal.exists() else 0.0)
+        seen.log_posts.append(await asyncio.to_thread(_waiting, path))
         await asyncio.sleep(STEP_S)
+
+
+def _waiting(path: Path) -> int:
+    """How many posts are not compacted yet."""
+    with closing(sqlite3.connect(f"file:{path}?mode=ro", uri=True)) as database:
+        return int(database.execute("SELECT sum(observation_seq - compacted_seq) FROM location").fetchone()[0])
 
 
 def _memory(seen: Seen, length_s: float, begin: float, end: float) -> float:

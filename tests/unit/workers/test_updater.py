@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sqlalchemy import func, select, update
+from sqlalchemy import update
 
 from app.errors import JobFinishedError, JobNotFoundError, QueueFullError, StorageUnavailableError
 from app.events.messages import Message
@@ -22,7 +22,7 @@ from app.services.predict import StateQuery, state_at
 from app.services.update import UpdateRequest
 from app.spectral.recipe import Recipe
 from app.storage.records import JobRecord, LocationRecord, RevisionRecord
-from app.storage.tables import history, observation
+from app.storage.tables import history
 from app.workers import updater as updater_module
 from app.workers.updater import Updater, is_due
 from tests.support.contexts import NOW, Clock, compact_now, make_location, opened, post_rows, post_states
@@ -133,27 +133,6 @@ def test_an_update_that_fails_is_not_asked_for_all_the_time(lively: Context, clo
         assert len(list_jobs(lively, None, 9)) == 1
         clock.now += lively.settings.update_rest_s
         until(lambda: len(list_jobs(lively, None, 9)) == 2)
-
-
-def test_a_few_large_posts_are_compacted_too(lively: Context, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(updater_module, "COMPACT_MEASUREMENTS", 40)
-    make_location(lively, "door")
-    make_location(lively, "gate")
-    with working(lively):
-        post_states(lively, "gate", 60.0 * np.arange(39), np.ones(39))
-        post_states(lively, "door", 60.0 * np.arange(20), np.ones(20))
-        post_states(lively, "door", 60.0 * np.arange(20, 40), np.ones(20))
-        until(lambda: find_location(lively, "door").compacted_seq == 2)
-    assert find_location(lively, "gate").compacted_seq == 0
-
-
-def test_a_long_log_is_compacted_without_anybody_asking(lively: Context) -> None:
-    make_location(lively, "door")
-    with working(lively):
-        for _ in range(updater_module.COMPACT_POSTS + 1):
-            post_states(lively, "door", [0.0], [1])
-        until(lambda: find_location(lively, "door").compacted_seq >= updater_module.COMPACT_POSTS)
-    assert find_location(lively, "door").revision == 0
 
 
 def test_jobs_run_in_order_and_everybody_is_told(ctx: Context) -> None:
@@ -358,21 +337,6 @@ def test_one_location_that_cannot_be_cared_for_keeps_no_other_from_it(
     with working(lively):
         until(lambda: find_location(lively, "door").revision)
     assert "location attic" in caplog.text
-
-
-def test_what_has_served_its_time_is_pruned(lively: Context, clock: Clock) -> None:
-    make_location(lively, "door")
-    post_states(lively, "door", [0.0], [1])
-    compact_now(lively, "door")
-    clock.now += 8 * 86400
-
-    def left() -> int:
-        with lively.store.read() as work:
-            return work.jobs._connection.execute(select(func.count()).select_from(observation)).scalar_one()
-
-    assert left() == 1
-    with working(lively):
-        until(lambda: left() == 0)
 
 
 def test_the_updater_can_be_told_to_leave_things_alone(sqlite_url: str) -> None:

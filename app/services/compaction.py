@@ -1,0 +1,110 @@
+"""Compaction: the log's tail becomes segments of the history, and what is older than `retention` is forgotten."""
+
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+
+import numpy as np
+
+from app.errors import CorruptChunkError
+from app.services.context import Context
+from app.services.history import by_chunk, by_segment, of_chunk, span
+from app.spectral.measurements import Measurements
+from app.spectral.segment import Segment, merge
+from app.storage.blobs import pack_segment
+from app.storage.observations import Packed, SegmentKey
+from app.storage.records import CHUNK_CELLS, LocationRecord
+from app.storage.work import Work
+
+ROUND_MEASUREMENTS = 8_000_000
+"""Measurements that one round takes from the log: the more, the fewer times a segment is written anew, and the more
+memory."""
+
+
+def compact(ctx: Context, place: LocationRecord, check: Callable[[], None] = lambda: None) -> None:
+    """Move the log's tail into segments, round by round, until nothing is left of what was there at the start.
+
+    `check` is called all the time; what it raises ends this, and leaves the log as the last round did.
+    """
+    with ctx.store.read() as work:
+        target = work.locations.by_id(place.id).observation_seq
+    while _compact_some(ctx, place.id, target, check):
+        pass
+    ctx.store.write(lambda work: work.observations.give_back())
+
+
+def forget(ctx: Context, place: LocationRecord) -> None:
+    """Drop compacted history that is older than the location's `retention`."""
+    with ctx.store.read() as work:
+        place = work.locations.by_id(place.id)
+    if place.retention_s is None or place.last_time is None:
+        return
+    before = int(place.base.sample(place.last_time - place.retention_s))
+    if before > span(place)[0]:
+        with ctx.compacting:
+            ctx.store.write(lambda work: work.observations.forget(place, before))
+        ctx.histories.drop(lambda key: isinstance(key, tuple) and key[0] == place.id)
+
+
+def _compact_some(ctx: Context, location_id: int, target: int, check: Callable[[], None]) -> bool:
+    """One round; whether there may be more to do."""
+    # A compaction that is overtaken by another process stores nothing, so no transaction is held for its length.
+    with ctx.compacting:
+        check()
+        with ctx.store.read() as work:
+            place = work.locations.by_id(location_id)
+            if place.compacted_seq >= target:
+                return False
+            rows = work.observations.packed(place, ROUND_MEASUREMENTS)
+        parts, damaged = _unpack(ctx, place, rows)
+        merged: dict[SegmentKey, bytes] = {}
+        for key, payload in _merge_all(ctx, place, _split(parts)):
+            merged[key] = payload
+            check()
+        ctx.store.write(lambda work: work.observations.compact(place, rows[-1].number, merged, damaged))
+    return True
+
+
+def _unpack(ctx: Context, place: LocationRecord, rows: list[Packed]) -> tuple[list[Measurements], set[int]]:
+    """What can be read of a part of the log, and the numbers of what cannot, which is told of."""
+    parts, damaged = [], set()
+    for row in rows:
+        try:
+            parts.append(row.unpack())
+        except CorruptChunkError as error:
+            ctx.damage.found(place.id, error)
+            damaged.add(row.number)
+    return parts, damaged
+
+
+def _split(parts: list[Measurements]) -> dict[int, list[Measurements]]:
+    """What was measured in each chunk, uncopied where it lies together: a log is larger than its packed rows."""
+    found: dict[int, list[Measurements]] = {}
+    for part in map(by_chunk, parts):
+        chunk = part.cell // np.uint32(CHUNK_CELLS)
+        borders = [0, *(np.flatnonzero(chunk[1:] != chunk[:-1]) + 1).tolist(), len(part)]
+        for first, stop in pairwise(borders):
+            found.setdefault(int(chunk[first]), []).append(part.select(slice(first, stop)))
+    return found
+
+
+def _merge_all(
+    ctx: Context, place: LocationRecord, measured: dict[int, list[Measurements]]
+) -> Iterator[tuple[SegmentKey, bytes]]:
+    """The segments that what was measured in each chunk changes, packed; one at a time is held unpacked."""
+    for chunk, parts in sorted(measured.items()):
+        for number, new in by_segment(place, of_chunk(Measurements.concatenate(parts), chunk)):
+            with ctx.store.read() as work:
+                key, before = _before(ctx, work, place, (chunk, number))
+            segment = before or Segment.empty(place.chunk_size(chunk), number)
+            yield key, pack_segment(merge(segment, new, place.base))
+
+
+def _before(ctx: Context, work: Work, place: LocationRecord, key: SegmentKey) -> tuple[SegmentKey, Segment | None]:
+    """What is stored of a segment, and where; of a damaged one what was put aside for it."""
+    chunk, number = key
+    try:
+        return key, work.observations.segments(place, chunk, number, number).get(number)
+    except CorruptChunkError as error:
+        # Its bytes stay as they are, for whoever can mend them; what is new is kept beside them.
+        ctx.damage.found(place.id, error)
+        return (-1 - chunk, number), work.observations.put_aside(place, chunk, number)

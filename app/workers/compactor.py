@@ -1,0 +1,93 @@
+"""The compactor: keeps the logs of all locations short, beside the updater and whatever that is busy with."""
+
+import logging
+import math
+from collections.abc import Callable
+
+from app.events.messages import Message
+from app.services.compaction import compact
+from app.services.context import Context
+from app.services.pruning import prune
+from app.storage.records import LocationRecord
+from app.workers.worker import Worker
+
+log = logging.getLogger(__name__)
+PRUNE_EVERY_S = 3600.0
+COMPACT_POSTS = 256
+COMPACT_MEASUREMENTS = 2_000_000
+"""A log that is longer is compacted: whoever reads the history unpacks it. Each time some segments are written anew, so
+of a log that is compacted more often more is written, and more time taken from others."""
+
+
+LATE_MEASUREMENTS = 12_000_000
+"""When more wait to be compacted, posts are slowed down: a question has to read them all."""
+SLOWEST_S = 0.25
+"""How long the writer rests at most after a group of posts."""
+
+
+class Compactor:
+    """One thread. The more comes in while it works, the more it compacts at once, and the less work a post is."""
+
+    def __init__(self, ctx: Context) -> None:
+        self._ctx = ctx
+        self._worker = Worker("compactor", ctx.settings.updater_interval_s, self._round)
+        self._waiting = 0
+        self._come_in = 0
+        self._pruned = -math.inf
+        self._unsubscribe: Callable[[], None] = lambda: None
+
+    def start(self) -> None:
+        """Begin, unless the settings leave histories alone."""
+        if self._ctx.settings.updater:
+            self._unsubscribe = self._ctx.bus.subscribe(self._listen)
+            self._worker.start()
+
+    def tell_to_end(self) -> None:
+        """Leave the round at hand, of which nothing is stored."""
+        self._unsubscribe()
+        self._worker.tell_to_end()
+
+    def stop(self) -> None:
+        """End."""
+        self.tell_to_end()
+        self._worker.join()
+
+    def alive(self) -> bool:
+        """Whether it is at work, or has none."""
+        return self._worker.alive() or not self._ctx.settings.updater
+
+    def _listen(self, message: Message) -> None:
+        if message.kind == "observation":
+            self._come_in += message.data["measurements"]
+            if self._come_in >= COMPACT_MEASUREMENTS:
+                self._worker.wake()
+            self._ctx.store.slow_down(slowed_s(self._waiting + self._come_in))
+
+    def _round(self) -> None:
+        # Before they are counted: what comes in meanwhile is rather counted twice than not at all.
+        self._come_in = 0
+        with self._ctx.store.read() as work:
+            places, waiting = work.locations.list(), work.observations.waiting()
+        self._waiting = sum(waiting.values())
+        self._worker.for_each(places, lambda place: self._shorten(place, waiting.get(place.id, 0)))
+        self._prune()
+
+    def _shorten(self, place: LocationRecord, waiting: int) -> None:
+        if place.observation_seq - place.compacted_seq >= COMPACT_POSTS or waiting >= COMPACT_MEASUREMENTS:
+            compact(self._ctx, place, self._worker.check)
+
+    def _prune(self) -> None:
+        now = self._ctx.clock()
+        if now - self._pruned >= PRUNE_EVERY_S:
+            self._pruned = now
+            if pruned := prune(self._ctx, self._worker.check):
+                log.info("%d rows of old posts and jobs were pruned", pruned)
+
+
+def slowed_s(waiting: int) -> float:
+    """How long the writer is to rest after a group: the longer, the more measurements wait to be compacted.
+
+    >>> slowed_s(12_000_000), slowed_s(18_000_000), slowed_s(60_000_000)
+    (0.0, 0.125, 0.25)
+    """
+    return min(SLOWEST_S, max(0.0, SLOWEST_S * (waiting / LATE_MEASUREMENTS - 1)))

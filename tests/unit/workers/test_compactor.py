@@ -1,0 +1,212 @@
+"""The compactor: logs stay short whatever the updater does, old rows go, and it ends at once."""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from threading import Event
+from typing import Any
+
+import numpy as np
+import pytest
+from sqlalchemy import func, select
+
+from app.errors import ShuttingDownError
+from app.services import compaction
+from app.services.context import Context
+from app.services.jobs import request_update
+from app.services.locations import find_location
+from app.services.update import UpdateRequest
+from app.storage.tables import observation
+from app.workers import compactor as compactor_module
+from app.workers.compactor import COMPACT_POSTS, Compactor
+from app.workers.updater import Updater
+from tests.support.contexts import Clock, compact_now, make_location, opened, post_rows, post_states
+from tests.support.waiting import until
+
+WAIT_S = 20.0
+
+
+@contextmanager
+def working(ctx: Context) -> Iterator[Compactor]:
+    """A compactor at work."""
+    compactor = Compactor(ctx)
+    compactor.start()
+    try:
+        yield compactor
+    finally:
+        compactor.stop()
+
+
+@pytest.fixture
+def lively(sqlite_url: str, clock: Clock) -> Iterator[Context]:
+    """A context whose compactor looks around all the time."""
+    with opened(sqlite_url, clock, updater=True, updater_interval_s=0.02) as ctx:
+        yield ctx
+
+
+def compacted(ctx: Context, name: str = "door") -> int:
+    return find_location(ctx, name).compacted_seq
+
+
+def post_many(ctx: Context, count: int) -> None:
+    for _ in range(count):
+        post_states(ctx, "door", [0.0], [1])
+
+
+def test_a_long_log_is_compacted_without_anybody_asking(lively: Context) -> None:
+    make_location(lively, "door")
+    with working(lively):
+        post_many(lively, COMPACT_POSTS + 1)
+        until(lambda: compacted(lively) >= COMPACT_POSTS)
+    assert find_location(lively, "door").revision == 0
+
+
+def test_a_few_large_posts_are_compacted_too(lively: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compactor_module, "COMPACT_MEASUREMENTS", 40)
+    make_location(lively, "door")
+    make_location(lively, "gate")
+    with working(lively):
+        post_states(lively, "gate", 60.0 * np.arange(39), np.ones(39))
+        post_states(lively, "door", 60.0 * np.arange(20), np.ones(20))
+        post_states(lively, "door", 60.0 * np.arange(20, 40), np.ones(20))
+        until(lambda: compacted(lively) == 2)
+    assert compacted(lively, "gate") == 0
+
+
+def test_many_measurements_wake_it(sqlite_url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compactor_module, "COMPACT_MEASUREMENTS", 40)
+    with opened(sqlite_url, updater=True, updater_interval_s=3600.0) as ctx:
+        make_location(ctx, "door")
+        with working(ctx):
+            for n in range(4):
+                post_states(ctx, "door", 60.0 * np.arange(20 * n, 20 * n + 20), np.ones(20))
+            until(lambda: compacted(ctx) >= 2)
+
+
+def test_posts_are_slowed_down_while_it_is_late_and_no_longer(lively: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compactor_module, "LATE_MEASUREMENTS", 1000)
+    go_on = Event()
+    monkeypatch.setattr(compactor_module, "compact", lambda *_: go_on.wait(WAIT_S))
+    make_location(lively, "door")
+    writer = lively.store._writer
+    post_many(lively, COMPACT_POSTS)
+    with working(lively):
+        for n in range(2):
+            post_states(lively, "door", np.arange(1000.0 * n, 1000.0 * n + 1000), np.ones(1000))
+        until(lambda: writer.rest_s == compactor_module.SLOWEST_S)
+        began = time.monotonic()
+        for _ in range(2):
+            post_states(lively, "door", [0.0], [1])
+        assert time.monotonic() - began >= compactor_module.SLOWEST_S
+        monkeypatch.setattr(compactor_module, "compact", compaction.compact)
+        go_on.set()
+        until(lambda: compacted(lively) >= COMPACT_POSTS)
+        until(lambda: not lively_rest(lively))
+
+
+def lively_rest(ctx: Context) -> float:
+    """How long the writer rests after a post."""
+    post_states(ctx, "door", [0.0], [1])
+    return ctx.store._writer.rest_s
+
+
+def test_it_works_while_an_update_runs(lively: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    from app.services import update
+
+    begun, go_on = Event(), Event()
+    fit = update._update_chunk
+
+    def slow(*arguments: Any) -> Any:
+        begun.set()
+        assert go_on.wait(WAIT_S)
+        return fit(*arguments)
+
+    monkeypatch.setattr(update, "_update_chunk", slow)
+    make_location(lively, "door", estimator="static")
+    post_many(lively, 1)
+    updater = Updater(lively)
+    updater.start()
+    try:
+        request_update(lively, "door", UpdateRequest())
+        assert begun.wait(WAIT_S)
+        with working(lively):
+            post_many(lively, COMPACT_POSTS)
+            until(lambda: compacted(lively) >= COMPACT_POSTS)
+        assert find_location(lively, "door").revision == 0
+        go_on.set()
+        until(lambda: find_location(lively, "door").revision == 1)
+    finally:
+        go_on.set()
+        updater.stop()
+
+
+def test_told_to_stop_in_a_round_it_stores_nothing_of_that_and_loses_nothing(
+    lively: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun, merged = Event(), []
+    merge = compaction.merge
+
+    def slow(*arguments: Any) -> Any:
+        merged.append(1)
+        begun.set()
+        time.sleep(0.05)
+        return merge(*arguments)
+
+    monkeypatch.setattr(compaction, "merge", slow)
+    make_location(lively, "lab", (2000, 100))
+    rows = [(60.0 * n, cell, n % 2) for n in range(2) for cell in range(0, 200_000, 1024)]
+    for n in range(COMPACT_POSTS):
+        post_rows(lively, "lab", rows[n::COMPACT_POSTS] or rows[:1])
+    with working(lively):
+        assert begun.wait(WAIT_S)
+    assert len(merged) < 20
+    assert compacted(lively, "lab") == 0
+    monkeypatch.setattr(compaction, "merge", merge)
+    compact_now(lively)
+    assert compacted(lively, "lab") == COMPACT_POSTS
+
+
+def test_what_has_served_its_time_is_pruned(lively: Context, clock: Clock) -> None:
+    make_location(lively, "door")
+    post_states(lively, "door", [0.0], [1])
+    compact_now(lively, "door")
+    clock.now += 8 * 86400
+
+    def left() -> int:
+        with lively.store.read() as work:
+            return work.jobs._connection.execute(select(func.count()).select_from(observation)).scalar_one()
+
+    assert left() == 1
+    with working(lively):
+        until(lambda: left() == 0)
+
+
+def test_it_can_be_told_to_leave_things_alone(sqlite_url: str) -> None:
+    with opened(sqlite_url, updater=False, updater_interval_s=0.02) as ctx:
+        make_location(ctx, "door")
+        post_many(ctx, COMPACT_POSTS + 1)
+        with working(ctx) as compactor:
+            time.sleep(0.1)
+            assert compactor.alive(), "it has no work, and so it lacks nothing"
+        assert compacted(ctx) == 0
+
+
+def test_one_that_never_started_can_be_stopped(lively: Context) -> None:
+    compactor = Compactor(lively)
+    assert not compactor.alive()
+    compactor.stop()
+
+
+def test_a_check_ends_a_compaction_between_two_segments(ctx: Context) -> None:
+    steps = iter(range(3))
+
+    def check() -> None:
+        if next(steps, None) is None:
+            raise ShuttingDownError
+
+    make_location(ctx, "lab", (100, 100))
+    post_rows(ctx, "lab", [(0.0, cell, 1) for cell in range(0, 10_000, 1000)])
+    with pytest.raises(ShuttingDownError):
+        compaction.compact(ctx, find_location(ctx, "lab"), check)
+    assert compacted(ctx, "lab") == 0
+    assert not ctx.compacting.locked()
