@@ -3,6 +3,7 @@
 import ipaddress
 from pathlib import Path
 from typing import Literal
+from urllib.parse import quote
 
 from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
@@ -129,4 +130,4 @@ class Settings(BaseSettings):
     @property
     def url(self) -> str:
         """The database as a SQLAlchemy URL."""
-        return self.database_url or f"sqlite:///{(self.data / 'tidemap.db').as_posix()}"
+        return self.database_url or f"sqlite:///{quote((self.data / 'tidemap.db').as_posix())}"
