@@ -9,6 +9,7 @@ from fastapi import APIRouter, Header, Query, Request, Response
 
 from app.api.auth import refuse
 from app.api.dependencies import BodyIn, Ctx, Robot
+from app.api.parameters import StrictRoute
 from app.errors import UnauthorizedError
 from app.ingest.observation import ARROW, JSON, NPY
 from app.schemas.common import Text
@@ -17,7 +18,7 @@ from app.services.context import Context
 from app.services.keys import Principal
 from app.services.observe import Observed, Post, begin
 
-router = APIRouter(prefix="/locations/{name}/observations", tags=["observations"])
+router = APIRouter(prefix="/locations/{name}/observations", tags=["observations"], route_class=StrictRoute)
 
 _BODY: dict[str, Any] = {
     "requestBody": {
