@@ -123,5 +123,6 @@ def merged(stored: list[Accepted]) -> Accepted:
         first_time=min(firsts, default=None),
         last_time=max(lasts, default=None),
         anomalies=list({event.id if event.id is not None else -i: event for i, event in enumerate(events)}.values()),
+        anomalies_total=sum(answer.anomalies_total for answer in stored),
         revision=stored[-1].revision,
     )

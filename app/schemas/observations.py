@@ -39,5 +39,8 @@ class Accepted(Answer):
     duplicate: bool
     first_time: TimeOut | None
     last_time: TimeOut | None
-    anomalies: list[Event]
+    anomalies: list[Event] = Field(
+        description="The 100 most surprising, in order of their start; all are stored, and listed by GET /anomalies."
+    )
+    anomalies_total: Annotated[int, Field(description="How many there are.")] = 0
     revision: int

@@ -11,6 +11,7 @@ from app.schemas.anomalies import Event
 from app.services.anomalies import judge, wire
 from app.services.context import Context
 from app.services.keys import Claim, confirm
+from app.services.listing import shortened
 from app.services.spectra import fitted, held
 from app.spectral.measurements import Measurements
 from app.storage.blobs import pack_measurements
@@ -143,4 +144,4 @@ def _tell(ctx: Context, record: ObservationRecord, stored: Observed) -> None:
 
 def anomaly_message(event: Event, now: float) -> Message:
     """The message of a stored event."""
-    return Message("anomaly", event.location, event.id or 0, now, event.model_dump(mode="json"))
+    return Message("anomaly", event.location, event.id or 0, now, shortened(event).model_dump(mode="json"))

@@ -30,7 +30,7 @@ from tests.api.house import (
     problem,
 )
 
-ANSWERED = {"accepted", "duplicate", "first_time", "last_time", "anomalies", "revision"}
+ANSWERED = {"accepted", "duplicate", "first_time", "last_time", "anomalies", "anomalies_total", "revision"}
 TIMES = [NOW - 3 * HOUR, NOW - 2 * HOUR, NOW - HOUR]
 
 
@@ -50,6 +50,7 @@ def test_the_answer_says_what_was_stored(api: Api) -> None:
         "first_time": "2026-03-01T21:00:00Z",
         "last_time": "2026-03-01T23:00:00Z",
         "anomalies": [],
+        "anomalies_total": 0,
         "revision": 0,
     }
     assert observed(api, name) == [0, 1, 1]
@@ -348,6 +349,7 @@ def test_surprising_measurements_come_back_as_events(api: Api) -> None:
         "start": "2026-03-02T00:00:00Z",
         "stop": "2026-03-02T01:00:00Z",
         "cells": [0],
+        "cells_total": 1,
         "bbox": None,
         "observed": 1,
         "probability": 0,

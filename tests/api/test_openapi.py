@@ -31,6 +31,7 @@ CONTRACT = {
     ("get", "/anomalies"): {"200", "304"},
     ("get", "/locations/{name}/anomalies"): {"200", "304"},
     ("post", "/locations/{name}/anomalies/detect"): {"200"},
+    ("get", "/anomalies/{}"): {"200"},
     ("post", "/anomalies/{}/acknowledge"): {"200"},
     ("get", "/keys"): {"200"},
     ("post", "/keys"): {"201"},

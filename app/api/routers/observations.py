@@ -16,6 +16,7 @@ from app.schemas.common import Text
 from app.schemas.observations import Accepted, GridObservations, StateObservations
 from app.services.context import Context
 from app.services.keys import Principal
+from app.services.listing import most_surprising
 from app.services.observe import Observed, Post, begin
 
 router = APIRouter(prefix="/locations/{name}/observations", tags=["observations"], route_class=StrictRoute)
@@ -91,8 +92,19 @@ async def post(
         if robot.claim is not None:
             await refuse(request, robot.claim)
         raise
-    content = Accepted.model_validate(result, from_attributes=True).model_dump_json()
-    return Response(content, 200 if result.duplicate else 201, media_type=JSON)
+    return Response(_answer(result).model_dump_json(), 200 if result.duplicate else 201, media_type=JSON)
+
+
+def _answer(result: Observed) -> Accepted:
+    return Accepted(
+        accepted=result.accepted,
+        duplicate=result.duplicate,
+        first_time=result.first_time,
+        last_time=result.last_time,
+        anomalies=most_surprising(result.anomalies),
+        anomalies_total=len(result.anomalies),
+        revision=result.revision,
+    )
 
 
 def _begin(stored: "Future[Observed]", ctx: Context, name: str, sent: Post) -> None:
