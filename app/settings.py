@@ -53,7 +53,8 @@ class Settings(BaseSettings):
         512 * 2**20,
         gt=0,
         description="Memory for all bodies that are being read and parsed; more wait a little or are refused (503). "
-        "One body may exceed it: an Arrow or npy body takes up to 12 times its size, JSON up to 40 times.",
+        "One body may exceed it: an Arrow or npy body takes up to 12 times its size, JSON up to 40 times, a grid of "
+        "bytes up to 156 times.",
     )
     max_cells: int = Field(16_000_000, gt=0, description="Largest number of cells of one location.")
     max_points: int = Field(1_000_000, gt=0, description="Largest number of values in a predict or series answer.")

@@ -9,7 +9,7 @@ from pydantic import AfterValidator
 from app.api.auth import Sender, require, sender
 from app.api.bodies import read_body
 from app.errors import InvalidInputError
-from app.ingest.observation import COST, Body
+from app.ingest.observation import COST, GRID_COST, Body
 from app.schemas.common import Text, parse_time
 from app.services.context import Context
 from app.services.keys import Principal
@@ -21,14 +21,21 @@ async def context(request: Request) -> Context:
     return ctx
 
 
-async def body(request: Request) -> AsyncIterator[Body]:
+async def body(
+    request: Request,
+    time: Annotated[
+        str | None, Query(description="When a grid (npy) was seen; required for it, and for it alone.")
+    ] = None,
+) -> AsyncIterator[Body]:
     """The unpacked body of a request, within the limit, and memory to parse it."""
     ctx: Context = request.app.state.ctx
+    seconds = query_time("time", time)
     media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     with request.app.state.budget.share() as share:
         content = await read_body(request, ctx.settings.body_limit(media_type), share)
-        await share.grow(len(content) * (COST.get(media_type, 1) - 1))
-        yield Body(content, media_type)
+        cost = COST.get(media_type, 1) if seconds is None else GRID_COST
+        await share.grow(len(content) * (cost - 1))
+        yield Body(content, media_type, seconds)
 
 
 def query_time(name: str, value: str | None) -> float | None:

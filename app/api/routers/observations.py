@@ -61,7 +61,9 @@ _BODY: dict[str, Any] = {
                     "format": "binary",
                     "description": "What numpy.save writes of a structured array, one row a measurement, with fields "
                     "time (float64 Unix seconds), cell (uint32; not for kind state) and state (uint8 or bool): "
-                    "numpy.zeros(n, [('time', 'f8'), ('cell', 'u4'), ('state', 'u1')]).",
+                    "numpy.zeros(n, [('time', 'f8'), ('cell', 'u4'), ('state', 'u1')]). Or, with `?time=`, of a whole "
+                    "grid at that time: uint8, int8 or bool of the location's shape, or flat (n_cells,) in C order, "
+                    "with 0 free, 1 occupied, 255 or -1 not seen.",
                 }
             },
         },
