@@ -9,7 +9,7 @@ from pydantic import AfterValidator
 from app.api.auth import Sender, require, sender
 from app.api.bodies import read_body
 from app.errors import InvalidInputError
-from app.ingest.observation import COST, GRID_COST, Body
+from app.ingest.observation import COST, GRID_COST, NPY, Body
 from app.schemas.common import Text, parse_time
 from app.services.context import Context
 from app.services.keys import Principal
@@ -33,7 +33,7 @@ async def body(
     media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     with request.app.state.budget.share() as share:
         content = await read_body(request, ctx.settings.body_limit(media_type), share)
-        cost = COST.get(media_type, 1) if seconds is None else GRID_COST
+        cost = GRID_COST if media_type == NPY and seconds is not None else COST.get(media_type, 1)
         await share.grow(len(content) * (cost - 1))
         yield Body(content, media_type, seconds)
 

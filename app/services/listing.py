@@ -1,5 +1,7 @@
 """Events as they are listed, however many and large they are."""
 
+from heapq import nlargest
+
 from app.schemas.anomalies import Event
 
 MOST_EVENTS = 100
@@ -18,6 +20,6 @@ def shortened(event: Event) -> Event:
 def most_surprising(events: list[Event]) -> list[Event]:
     """So many as are listed: the most surprising, of those the largest, in the order that they had."""
     if len(events) > MOST_EVENTS:
-        order = sorted(range(len(events)), key=lambda i: (-events[i].surprise, -events[i].cells_total))
-        events = [events[i] for i in sorted(order[:MOST_EVENTS])]
+        chosen = nlargest(MOST_EVENTS, range(len(events)), key=lambda i: (events[i].surprise, events[i].cells_total))
+        events = [events[i] for i in sorted(chosen)]
     return [shortened(event) for event in events]
