@@ -22,7 +22,7 @@ Metres = Annotated[float, Strict()]
 def _known_zone(name: str) -> str:
     try:
         ZoneInfo(name)
-    except (KeyError, ValueError, OSError):
+    except (KeyError, ValueError, OSError, TypeError):
         raise ValueError(f"{name!r} is no IANA time zone; use a name such as Europe/London or UTC") from None
     return name
 
