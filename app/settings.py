@@ -3,6 +3,7 @@
 import ipaddress
 from pathlib import Path
 from typing import Literal
+from urllib.parse import quote
 
 from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
@@ -52,7 +53,8 @@ class Settings(BaseSettings):
         512 * 2**20,
         gt=0,
         description="Memory for all bodies that are being read and parsed; more wait a little or are refused (503). "
-        "One body may exceed it: an Arrow or npy body takes up to 12 times its size, JSON up to 40 times.",
+        "One body may exceed it: an Arrow or npy body takes up to 12 times its size, JSON up to 40 times, a grid of "
+        "bytes up to 156 times.",
     )
     max_cells: int = Field(16_000_000, gt=0, description="Largest number of cells of one location.")
     max_points: int = Field(1_000_000, gt=0, description="Largest number of values in a predict or series answer.")
@@ -129,4 +131,4 @@ class Settings(BaseSettings):
     @property
     def url(self) -> str:
         """The database as a SQLAlchemy URL."""
-        return self.database_url or f"sqlite:///{(self.data / 'tidemap.db').as_posix()}"
+        return self.database_url or f"sqlite:///{quote((self.data / 'tidemap.db').as_posix())}"

@@ -7,7 +7,6 @@ from collections.abc import Callable, Coroutine, Iterator, Mapping
 from typing import Any
 
 import zstandard
-from fastapi.routing import APIRoute
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
@@ -15,6 +14,7 @@ from starlette.types import Message, Receive
 
 from app.api.auth import of_connection
 from app.api.budget import Share
+from app.api.parameters import StrictRoute
 from app.errors import BodyStalledError, BodyTooLargeError, UnreadableBodyError, UnsupportedMediaTypeError
 from app.settings import JSON
 
@@ -134,7 +134,7 @@ async def _drain(request: Request) -> None:
         _, more = await _receive(request)
 
 
-class FormRoute(APIRoute):
+class FormRoute(StrictRoute):
     """A route whose JSON form is read as every other body: within the limit, unpacked, of a known media type.
 
     Of somebody without a key, where one is needed, nothing is read.

@@ -9,7 +9,7 @@ from app.api.auth import Sender, require, sender
 from app.api.bodies import read_body
 from app.api.budget import Share
 from app.errors import InvalidInputError
-from app.ingest.observation import COST, Body
+from app.ingest.observation import COST, GRID_COST, NPY, Body
 from app.schemas.common import Text, parse_time
 from app.services.context import Context
 from app.services.keys import Principal
@@ -21,16 +21,18 @@ async def context(request: Request) -> Context:
     return ctx
 
 
-async def posted_body(request: Request, share: Share) -> Body:
+async def posted_body(request: Request, time: str | None, share: Share) -> Body:
     """The unpacked body of a request, within the limit, with `share` grown to the memory that parsing it takes.
 
-    Raises as `read_body`.
+    `time` is that of a grid. Raises InvalidInputError, and as `read_body`.
     """
     ctx: Context = request.app.state.ctx
+    seconds = query_time("time", time)
     media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     content = await read_body(request, ctx.settings.body_limit(media_type), share)
-    await share.grow(len(content) * (COST.get(media_type, 1) - 1))
-    return Body(content, media_type)
+    cost = GRID_COST if media_type == NPY and seconds is not None else COST.get(media_type, 1)
+    await share.grow(len(content) * (cost - 1))
+    return Body(content, media_type, seconds)
 
 
 def query_time(name: str, value: str | None) -> float | None:

@@ -1,8 +1,8 @@
 """From domain errors to problem documents (RFC 9457)."""
 
 import logging
-from collections.abc import Mapping
-from http import HTTPStatus
+from collections.abc import Mapping, Sequence
+from http import HTTPMethod, HTTPStatus
 from typing import Any
 
 import orjson
@@ -10,6 +10,7 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
+from starlette.routing import Match, Mount
 
 from app import errors
 from app.schemas.common import Problem, ProblemField
@@ -130,6 +131,10 @@ def _http(request: Request, error: Exception) -> Response:
         400: "The body cannot be read as JSON: send UTF-8, not nested deeply.",
         405: f"{request.method} is not allowed here.",
     }
+    headers = error.headers
+    if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
+        headers = {"Allow": ", ".join(_allowed(request))}
+        details[405] += f" Allowed: {headers['Allow']}."
     problem = Problem(
         type="about:blank",
         title=title,
@@ -137,7 +142,19 @@ def _http(request: Request, error: Exception) -> Response:
         detail=details.get(error.status_code, str(error.detail)),
         instance=request.url.path,
     )
-    return problem_response(error.status_code, problem, error.headers)
+    return problem_response(error.status_code, problem, headers)
+
+
+def _allowed(request: Request) -> Sequence[str]:
+    """The methods of an address; each may have a route of its own. A mounted folder has files to read."""
+    routes = [route for route in request.app.routes if not isinstance(route, Mount)]
+    scope = request.scope
+    methods = [
+        method
+        for method in HTTPMethod
+        if any(route.matches({**scope, "method": method})[0] is Match.FULL for route in routes)
+    ]
+    return methods or [HTTPMethod.GET, HTTPMethod.HEAD]
 
 
 def _unexpected(request: Request, error: Exception) -> Response:

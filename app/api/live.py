@@ -14,6 +14,7 @@ from starlette.websockets import WebSocketDisconnect, WebSocketState
 from app.api.auth import of_connection
 from app.api.dependencies import cursor
 from app.api.errors import domain_response
+from app.api.parameters import refuse_unknown
 from app.errors import ForbiddenError, InvalidInputError, TidemapError
 from app.events.messages import Kind, Message
 from app.services.anomalies import EventQuery, list_events
@@ -100,9 +101,7 @@ def _wish(ctx: Context, socket: WebSocket) -> Wish:
     if not allows(principal.role, "operator"):
         raise ForbiddenError(f"The key {principal.name!r} has role {principal.role}; events need operator or admin.")
     query = socket.query_params
-    for name in query:
-        if name not in ("location", "kind", "after"):
-            raise InvalidInputError.at(name, "this parameter is not known; known are location, kind, after")
+    refuse_unknown(query, ("location", "kind", "after"))
     known = get_args(Kind)
     asked = [kind for value in query.getlist("kind") for part in value.split("|") for kind in part.split(",") if kind]
     for kind in asked:

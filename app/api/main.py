@@ -19,6 +19,7 @@ from app.schemas.observations import GridObservations, StateObservations
 from app.services.context import Context
 
 BASE = "/api/v1"
+ROUTERS = tuple(each.router for each in (locations, observations, maps, anomalies, jobs, keys))
 _REASONS = {
     400: "The body cannot be read.",
     401: "A key is needed.",
@@ -48,8 +49,8 @@ _KINDS = {
 _SUMMARY = "A map service for robots that live in one place for months."
 _DESCRIPTION = (
     "Post what robots saw; ask for the state of every cell at any time, past or future, with a confidence; be told "
-    "what is abnormal. Times in: Unix seconds or ISO 8601 with a zone. Lengths in metres. Errors are problem "
-    "documents (RFC 9457)."
+    "what is abnormal. Times in: Unix seconds or ISO 8601 with a zone. Lengths in metres. Unknown fields and unknown "
+    "query parameters are errors. Errors are problem documents (RFC 9457)."
 )
 
 
@@ -76,8 +77,8 @@ def create_app(ctx: Context, alive: Mapping[str, Callable[[], bool]] | None = No
     app.state.refused = count_refused(app.state.metrics)
     app.add_middleware(RequestMetrics, registry=app.state.metrics)
     errors.install(app)
-    for module in (locations, observations, maps, anomalies, jobs, keys):
-        app.include_router(module.router, prefix=BASE, responses=_problems())
+    for router in ROUTERS:
+        app.include_router(router, prefix=BASE, responses=_problems())
     app.include_router(live.router, prefix=BASE)
     app.include_router(health.router)
     _document_bodies(app)

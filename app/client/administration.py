@@ -97,6 +97,11 @@ class ClientOperations(AnomalyOperations, Generic[Handle]):
         return Listing(Page[Location], f"{self.path}/locations", {}).everything()
 
     @operation
+    def anomaly(self, anomaly_id: int) -> Plan[Event]:
+        """A stored anomaly with all of its cells; lists have the first 10,000."""
+        return ask(Event, Request("GET", f"{self.path}/anomalies/{anomaly_id}"))
+
+    @operation
     def acknowledge(self, anomaly_id: int, note: str | None = None) -> Plan[Event]:
         """Say that an operator has seen an anomaly."""
         return (yield from ask(Event, post(f"{self.path}/anomalies/{anomaly_id}/acknowledge", given(note=note))))

@@ -20,7 +20,8 @@ Column: TypeAlias = Literal["probability", "state", "observed", "observed_time"]
 class Prediction:
     """time (n_times,) Unix seconds; cell (n_cells,); the others (n_cells, n_times).
 
-    A cell never observed has probability and entropy NaN and state -1.
+    A cell never observed has probability and entropy NaN and state -1. So do those that are `unavailable`: (m, 2)
+    ranges [first, stop) of cells whose stored state is damaged, none when all is well at the server.
     """
 
     time: NDArray[np.float64]
@@ -30,6 +31,7 @@ class Prediction:
     entropy: NDArray[np.float32]
     confidence: float
     revision: int
+    unavailable: NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,6 +50,7 @@ class Series:
 class State:
     """The map at `time` (Unix seconds), for the cells ever observed: arrays (n,), cell linear in C order.
 
+    `unavailable` (m, 2) are ranges [first, stop) of cells that are missing because their stored state is damaged.
     `observed` (-1: not yet observed then) and `observed_time` (NaN) are None unless they were asked for.
     """
 
@@ -61,6 +64,7 @@ class State:
     probability: NDArray[np.float32]
     state: NDArray[np.int8]
     verdict: NDArray[np.str_]
+    unavailable: NDArray[np.int64]
     observed: NDArray[np.int8] | None = None
     observed_time: NDArray[np.float64] | None = None
 
@@ -90,6 +94,7 @@ def prediction(content: bytes) -> Prediction:
         _floats(said["entropy"]).reshape(shape),
         said["confidence"],
         said["revision"],
+        _ranges(said["unavailable"]),
     )
 
 
@@ -123,9 +128,14 @@ def state(content: bytes) -> State:
         probability=_column(table, "probability", np.float32),
         state=_column(table, "state", np.int8),
         verdict=_texts(table.column("verdict")),
+        unavailable=_ranges(said["unavailable"]),
         observed=_column(table, "observed", np.int8) if "observed" in columns else None,
         observed_time=_column(table, "observed_time", np.float64) if "observed_time" in columns else None,
     )
+
+
+def _ranges(values: Any) -> NDArray[np.int64]:
+    return np.array(values, np.int64).reshape(-1, 2)
 
 
 def _floats(values: Any) -> NDArray[np.float32]:

@@ -1,5 +1,6 @@
 """Measurements as bytes: batches of columns, each an Arrow IPC stream, or JSON where cells are rows of indices."""
 
+import io
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from app.client.times import TimesLike, unix_array
 
 ARROW = "application/vnd.apache.arrow.stream"
+NPY = "application/x-npy"
 MEASUREMENTS_PER_POST = 200_000
 """2.6 MB a post: small enough to try again, large enough that the request itself costs nothing."""
 
@@ -97,6 +99,25 @@ def looks(columns: Measurements, rows: NDArray[np.int64]) -> bytes:
         if len(time)
     ]
     return json.dumps({"observations": observations}, separators=(",", ":")).encode()
+
+
+def npy(array: NDArray[Any]) -> bytes:
+    """An npy file."""
+    sink = io.BytesIO()
+    np.save(sink, array)
+    return sink.getvalue()
+
+
+def tristate(states: Any) -> NDArray[np.int8]:
+    """States 1, 0 and -1 (or 255) for not seen, of any shape. Raises ValueError for any other.
+
+    >>> tristate([[0, 1], [255, -1]]).tolist()
+    [[0, 1], [-1, -1]]
+    """
+    array = np.asarray(states)
+    if not np.isin(array, (0, 1, 255, -1)).all():
+        raise ValueError("a state is 0 (free), 1 (occupied), or -1 (not seen)")
+    return np.where(array == 255, -1, array).astype(np.int8)
 
 
 def indices(cells: Any) -> NDArray[np.int64]:

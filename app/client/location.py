@@ -9,7 +9,7 @@ from app.client.administration import AnomalyOperations
 from app.client.encoding import ARROW, Numbers
 from app.client.operation import operation, posting
 from app.client.plans import Plan, Request, ask
-from app.client.posting import Post, observation, sighting
+from app.client.posting import Post, observation, sighting, whole
 from app.client.requests import given, name_of, path_of, post, send
 from app.client.times import TimeLike, TimesLike, unix, unix_array
 from app.client.waiting import ended, until, wait_s
@@ -71,13 +71,19 @@ class LocationOperations(AnomalyOperations):
         *,
         occupied: Numbers = (),
         free: Numbers = (),
+        grid: Any = None,
         source: str | None = None,
         idempotency_key: str | None = None,
     ) -> Post:
         """Store one look at a grid: cells seen occupied and cells seen free, as indices or rows [i, j, k].
 
+        Or all of it as an array `grid` of the location's shape: 1 occupied, 0 free, -1 (or 255) not seen.
         Returns and raises what `observe` does.
         """
+        if grid is not None:
+            if len(occupied) or len(free):
+                raise ValueError("give either `grid` or the cells occupied and free")
+            return whole(self.path, time, grid, source=source, key=idempotency_key)
         return sighting(self.path, time, occupied, free, source=source, key=idempotency_key)
 
     @operation

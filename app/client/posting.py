@@ -3,12 +3,25 @@
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.client.encoding import ARROW, Measurements, arrow, batches, indices, linear, look, looks, measurements
+from app.client.encoding import (
+    ARROW,
+    NPY,
+    Measurements,
+    arrow,
+    batches,
+    indices,
+    linear,
+    look,
+    looks,
+    measurements,
+    npy,
+    tristate,
+)
 from app.client.plans import Plan, Request, Scalar, ask
 from app.client.requests import JSON, given
 from app.client.times import TimeLike, TimesLike, unix
@@ -47,8 +60,39 @@ class Batch:
         return Request("POST", f"{self.path}/observations", self.query, self.content, headers)
 
 
+class Post(Protocol):
+    """What is posted, to a server or to an outbox."""
+
+    def batches(self) -> Iterator[Batch]:
+        """It in batches, each with its key, made without asking the server anything."""
+
+    def plan(self) -> Plan[Accepted]:
+        """Post it."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class Post:
+class GridPost:
+    """The state of every cell at a time (Unix seconds) for the location at `path`: `states` of its shape, as int8."""
+
+    path: str
+    time: float
+    states: NDArray[np.int8]
+    source: str | None
+    key: str
+
+    def batches(self) -> Iterator[Batch]:
+        """One, for the array must be whole: the server compares its shape."""
+        query = given(source=self.source, time=self.time)
+        yield Batch(self.path, query, NPY, npy(self.states), self.key, int(np.count_nonzero(self.states >= 0)))
+
+    def plan(self) -> Plan[Accepted]:
+        """Post it."""
+        (batch,) = self.batches()
+        return (yield from ask(Accepted, batch.request()))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TablePost:
     """Measurements for the location at `path`.
 
     rows (m, 2 or 3): where the caller gave cells as rows of indices, `columns.cell` counts into them.
@@ -80,7 +124,7 @@ class Post:
             stored.append(Accepted.model_validate_json(response.content))
         return merged(stored)
 
-    def linear(self, shape: Sequence[int]) -> "Post":
+    def linear(self, shape: Sequence[int]) -> "TablePost":
         """The same with linear indices into a grid of `shape`."""
         if self.rows is None or self.columns.cell is None:
             return self
@@ -90,16 +134,21 @@ class Post:
 
 def observation(
     path: str, time: TimesLike, state: Any, cell: Any = None, *, source: str | None = None, key: str | None = None
-) -> Post:
+) -> TablePost:
     """Columns of measurements for the location at `path`, with `key` or a new one. Raises ValueError."""
     rows = indices(cell) if np.ndim(cell) == 2 else None
     columns = measurements(time, state, cell if rows is None else np.arange(len(rows)))
-    return Post(path, columns, rows, source, key or uuid.uuid4().hex)
+    return TablePost(path, columns, rows, source, key or uuid.uuid4().hex)
+
+
+def whole(path: str, time: TimeLike, states: Any, *, source: str | None = None, key: str | None = None) -> GridPost:
+    """The state of every cell for the location at `path`, with `key` or a new one. Raises ValueError."""
+    return GridPost(path, unix(time), tristate(states), source, key or uuid.uuid4().hex)
 
 
 def sighting(
     path: str, time: TimeLike, occupied: Any, free: Any, *, source: str | None = None, key: str | None = None
-) -> Post:
+) -> TablePost:
     """One look at a grid for the location at `path`, with `key` or a new one. Raises ValueError."""
     seen = [np.asarray(cells) for cells in (occupied, free) if len(cells)]
     rows = None
@@ -109,7 +158,7 @@ def sighting(
         rows = np.concatenate([indices(cells) for cells in seen])
         occupied, free = np.split(np.arange(len(rows)), [len(occupied)])
     columns = look(unix(time), np.asarray(occupied), np.asarray(free))
-    return Post(path, columns, rows, source, key or uuid.uuid4().hex)
+    return TablePost(path, columns, rows, source, key or uuid.uuid4().hex)
 
 
 def merged(stored: list[Accepted]) -> Accepted:
@@ -123,5 +172,6 @@ def merged(stored: list[Accepted]) -> Accepted:
         first_time=min(firsts, default=None),
         last_time=max(lasts, default=None),
         anomalies=list({event.id if event.id is not None else -i: event for i, event in enumerate(events)}.values()),
+        anomalies_total=sum(answer.anomalies_total for answer in stored),
         revision=stored[-1].revision,
     )

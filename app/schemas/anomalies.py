@@ -15,7 +15,8 @@ class Event(Answer):
 
     `bbox` is [x0,y0,z0,x1,y1,z1] in metres in the grid's frame (null for kind `state`); `probability` is the
     mean predicted probability of the cells, `surprise` the peak of |p - s|. `id` is null for events that were
-    computed on request and are not stored.
+    computed on request and are not stored. Lists and messages have the first 10,000 cells of an event, of
+    `cells_total`; GET /anomalies/{id} has all of them.
     """
 
     id: int | None
@@ -23,6 +24,7 @@ class Event(Answer):
     start: TimeOut
     stop: TimeOut
     cells: list[int]
+    cells_total: int = Field(default_factory=lambda event: len(event["cells"]))
     bbox: list[float] | None
     observed: Literal[0, 1]
     probability: float

@@ -69,7 +69,10 @@ TimeIn = Annotated[
     BeforeValidator(parse_time),
     WithJsonSchema(
         {
-            "anyOf": [{"type": "number"}, {"type": "string", "format": "date-time"}],
+            "anyOf": [
+                {"type": "number", "minimum": -FARTHEST_S, "maximum": FARTHEST_S},
+                {"type": "string", "format": "date-time"},
+            ],
             "description": "Unix seconds, or ISO 8601 with a zone.",
             "examples": [1772355600, "2026-03-01T09:00:00Z"],
         }
@@ -101,9 +104,9 @@ Many = Annotated[list[Item], Field(fail_fast=True)]
 
 
 class Form(BaseModel):
-    """What a client sends: unknown fields, NaN and infinity are errors."""
+    """What a client sends: unknown fields, NaN, infinity, and true or "1" for a number are errors."""
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
 
     @model_validator(mode="before")
     @classmethod

@@ -4,7 +4,7 @@ import math
 from typing import Annotated, Literal
 from zoneinfo import ZoneInfo
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, Strict, model_validator
 
 from app.schemas.common import FARTHEST_S, NAME_PATTERN, Answer, Form, Many, Text, TimeIn, TimeOut, shown
 
@@ -16,12 +16,13 @@ OrderChoice = Order | Literal["auto"]
 Confidence = Annotated[float, Field(ge=0.5, lt=1)]
 Missing = Literal["mask", "hold"]
 Seconds = Annotated[float, Field(gt=0, le=FARTHEST_S)]
+Metres = Annotated[float, Strict()]
 
 
 def _known_zone(name: str) -> str:
     try:
         ZoneInfo(name)
-    except (KeyError, ValueError, OSError):
+    except (KeyError, ValueError, OSError, TypeError):
         raise ValueError(f"{name!r} is no IANA time zone; use a name such as Europe/London or UTC") from None
     return name
 
@@ -33,7 +34,7 @@ class Grid(Form):
     """A regular grid: `origin` is the corner of cell [0,0,0] in `frame`, in metres."""
 
     frame: Text = Field("map", min_length=1, max_length=128)
-    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    origin: Annotated[tuple[Metres, Metres, Metres], Strict(False)] = (0.0, 0.0, 0.0)
     resolution_m: float = Field(gt=0, le=1000)
     shape: Many[Annotated[int, Field(ge=1, le=65536)]] = Field(min_length=2, max_length=3)
 

@@ -240,6 +240,14 @@ def list_events(ctx: Context, query: EventQuery) -> list[Event]:
     return [_known(ctx, places[record.location_id], record) for record in records]
 
 
+def get_event(ctx: Context, anomaly_id: int) -> Event:
+    """A stored event. Raises AnomalyNotFoundError."""
+    with ctx.store.read() as work:
+        record = work.anomalies.get(anomaly_id)
+        place = next(each for each in work.locations.list() if each.id == record.location_id)
+    return _known(ctx, place, record)
+
+
 def acknowledge(ctx: Context, anomaly_id: int, by: str, note: str | None) -> Event:
     """Raises AnomalyNotFoundError."""
 
@@ -266,6 +274,7 @@ def wire(place: LocationRecord, record: AnomalyRecord) -> Event:
         id=record.id or None,
         location=place.name,
         cells=record.cells.tolist(),
+        cells_total=len(record.cells),
         bbox=None if box is None else list(box),
         **{field: getattr(record, field) for field in (*shared, *people)},
     )

@@ -10,6 +10,7 @@ from app.schemas.anomalies import Event
 from app.services.anomalies import judge
 from app.services.context import Context
 from app.services.keys import confirm
+from app.services.listing import shortened
 from app.services.locations import find_location
 from app.services.posts import Entry, Observed, Post, store_all
 from app.services.spectra import fitted, held
@@ -106,4 +107,4 @@ def _tell(ctx: Context, record: ObservationRecord, stored: Observed) -> None:
 
 def anomaly_message(event: Event, now: float) -> Message:
     """The message of a stored event."""
-    return Message("anomaly", event.location, event.id or 0, now, event.model_dump(mode="json"))
+    return Message("anomaly", event.location, event.id or 0, now, shortened(event).model_dump(mode="json"))

@@ -54,6 +54,10 @@ class Http:
     def request(self, method: str, path: str, **how: Any) -> httpx.Response:
         return self.portal.call(partial(self._client.request, method, path, **how))
 
+    def sign_in(self, secret: str) -> None:
+        """Send this key from now on."""
+        self._client.headers["Authorization"] = f"Bearer {secret}"
+
 
 @dataclass
 class Api:

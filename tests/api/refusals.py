@@ -104,6 +104,11 @@ class Untouched:
             assert self.api.everything() == self._before
         self._commits = commits
 
+    def accept(self) -> None:
+        """What was stored since is to stay."""
+        self._commits = self._count_commits()
+        self._before = self.api.everything()
+
     def close(self) -> None:
         """Let go of the database."""
         if self._sqlite is not None:

@@ -13,6 +13,7 @@ ANSWERED = {
     "start",
     "stop",
     "cells",
+    "cells_total",
     "bbox",
     "observed",
     "probability",
@@ -246,6 +247,52 @@ class TestCells:
         form = {"start": NOW - DAY, "stop": NOW + DAY}
         found = done(api.post(f"/locations/{empty_room}/anomalies/detect", form))["items"]
         assert [event["cells"] for event in found] == [[0, 9], [23]]
+
+
+WIDE = 200
+BLOCK = [i * WIDE + j for i in range(20, 120) for j in range(20, 170)]
+CALM = [i * WIDE + j for i in range(0, 18, 3) for j in range(0, 30, 3)]
+"""60 that were never occupied."""
+SOMETIMES = [i * WIDE + j for i in range(150, 195, 3) for j in range(0, 18, 3)]
+"""90 that once were, as those of the block."""
+
+
+@pytest.fixture(scope="module")
+def answer(api: Api) -> Any:
+    grid = {"resolution_m": 0.1, "shape": [WIDE, WIDE]}
+    name = api.place(kind="grid2d", grid=grid, estimator="static", confidence=0.75)
+    every = set(range(WIDE**2))
+    once = {*BLOCK, *SOMETIMES}
+    api.look(name, (NOW - 10 * HOUR, sorted(once), sorted(every - once)))
+    for i in range(1, 10):
+        api.look(name, (NOW - i * HOUR, [], sorted(every)))
+    api.update(name)
+    return api.look(name, (NOW, [*BLOCK, *CALM, *SOMETIMES], []))
+
+
+class TestMany:
+    """What is listed is bounded, what is stored is not."""
+
+    def test_the_answer_to_a_post_lists_the_most_surprising(self, answer: Any) -> None:
+        events = answer["anomalies"]
+        assert (len(events), answer["anomalies_total"]) == (100, 151)
+        assert sum(event["surprise"] == 1 for event in events) == 60
+        assert len([event for event in events if event["cells_total"] > 1]) == 1
+        assert [event["id"] for event in events] == sorted(event["id"] for event in events)
+
+    def test_an_event_is_listed_with_its_first_cells_and_alone_with_all(self, api: Api, answer: Any) -> None:
+        (block,) = [event for event in answer["anomalies"] if event["cells_total"] > 1]
+        assert (block["cells"], block["cells_total"]) == (BLOCK[:10_000], 15_000)
+        path = f"/locations/{block['location']}/anomalies"
+        assert block in done(api.get(path, params={"limit": 1000}))["items"]
+        assert done(api.get(f"/anomalies/{block['id']}")) == {**block, "cells": BLOCK}
+
+    def test_all_are_stored(self, api: Api, answer: Any) -> None:
+        name = answer["anomalies"][0]["location"]
+        assert len(done(api.get(f"/locations/{name}/anomalies?limit=1000"))["items"]) == 151
+
+    def test_an_unknown_one(self, api: Api) -> None:
+        problem(api.get("/anomalies/12345678"), 404, "anomaly-not-found")
 
 
 @pytest.mark.parametrize("path", ["/anomalies", "/locations/{}/anomalies"])

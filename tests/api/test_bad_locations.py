@@ -43,7 +43,20 @@ LOCATIONS = [
     *(location({"interval_s": value}, "interval_s") for value in (0, -1, NAN, INFINITY, 1e-9, 1e9, "soon", None, [60])),
     *(
         location({"time_zone": value}, "time_zone")
-        for value in ("", "Mars/Olympus", "../../etc/passwd", "/etc/localtime", "UTC\0", "x" * 5000, "Europe", 3, None)
+        for value in (
+            "__init__/UTC",
+            ".",
+            "a\0",
+            "",
+            "Mars/Olympus",
+            "../../etc/passwd",
+            "/etc/localtime",
+            "UTC\0",
+            "x" * 5000,
+            "Europe",
+            3,
+            None,
+        )
     ),
     *(location({"epoch": value}, "epoch") for value in (NAN, 1e300, -1e12, "2026-03-01T00:00:00", "then", True, None)),
     *(location({"confidence": value}, "confidence") for value in (2, 1, 0.49, 0, -1, NAN, "high", None)),

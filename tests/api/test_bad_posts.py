@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from tests.api.house import DAY, HOUR, NOW, arrow, arrow_table, npy, npy_file
+from tests.api.house import ARROW, DAY, HOUR, NOW, NPY, arrow, arrow_table, npy, npy_file
 from tests.api.refusals import (
     DOOR,
     INFINITY,
@@ -184,6 +184,7 @@ NPYS = [
     structured(DOOR, {"time": [T], "state": ONE, "robot": [1]}, 422, "robot", "send state, time"),
     structured(DOOR, {"time": [T], "cell": [0], "state": ONE}, 422, "cell", "send state, time"),
     structured(DOOR, npy_file(np.zeros((3, 2))), 422, "body", "structured array with the fields state, time"),
+    structured(LAB, npy_file(np.zeros((4, 3, 2), np.uint8)), 422, "body", "?time="),
     structured(DOOR, npy_file(np.zeros((2, 2), [("time", "f8"), ("state", "u1")])), 422, "body", "shape (n,)"),
     structured(DOOR, npy_file(np.zeros((), [("time", "f8"), ("state", "u1")])), 422, "body", "shape (n,)"),
     structured(DOOR, {"time": np.array([T], np.float32), "state": ONE}, 422, "time", "float64"),
@@ -227,6 +228,43 @@ NPYS = [
     structured(LAB, {"time": [T, T], "cell": [5, 5], "state": [0, 1]}, 422, "cell[1]", "both"),
 ]
 
+
+def whole(array: Any, status: int, names: str | None, says: str = "", time: str = f"{T}", place: str = LAB) -> Case:
+    content = array if isinstance(array, bytes) else npy_file(array)
+    return raw(f"{place}/observations?time={time}", content, status, names, says, NPY)
+
+
+FREE = np.zeros((4, 3, 2), np.uint8)
+ROWS = {"time": [T], "cell": np.array([1], np.uint32), "state": ONE}
+GRIDS = [
+    *(whole(FREE, 422, "time", "zone", time) for time in ("2026-03-01T09:00:00", "2026-03-01")),
+    *(whole(FREE, 422, "time", "", time) for time in ("", "now", "nan", "inf", "1e300", str(T * 1000))),
+    whole(FREE, 422, "time", "future", str(NOW + DAY)),
+    whole(npy(ROWS), 422, "time", "times of their own"),
+    raw(f"{LAB}/observations?time={T}", arrow(ROWS), 422, "time", "leave it out", ARROW),
+    raw(f"{DOOR}/observations?time={T}", b'{"time": [1], "state": [1]}', 422, "time", "leave it out"),
+    *(whole(FREE.astype(kind), 422, "body", "uint8, int8 or bool") for kind in ("u2", "i8", "f4", "S1", "M8[s]", "c8")),
+    *(whole(FREE.reshape(shape), 422, "body", "(4, 3, 2) or (24,)") for shape in ((2, 3, 4), (12, 2), (1, 24))),
+    whole(np.zeros((), np.uint8), 422, "body", "shape"),
+    whole(np.zeros(23, np.uint8), 422, "body", "shape"),
+    whole(np.zeros((4, 3, 3), np.uint8), 422, "body", "shape"),
+    whole(np.zeros(0, np.uint8), 422, "body", "shape"),
+    whole(FREE + 255, 422, "body", "at least one"),
+    whole(np.full(24, -1, np.int8), 422, "body", "at least one"),
+    *(
+        whole(np.where(np.arange(24) == 7, bad, 0).astype(np.uint8), 422, "body[7]", "0 (free)")
+        for bad in (2, 128, 254)
+    ),
+    whole(np.where(np.arange(24) == 23, -2, -1).astype(np.int8), 422, "body[23]", "0 (free)"),
+    whole(described("'|b1'", "(24,)", b"\7" * 24), 422, "body[0]", "0 (free)"),
+    whole(described("'|u1'", "(24,)", b"\0" * 23), 400, None, "follow its header"),
+    whole(described("'|u1'", "(24,)", b"\0" * 25), 400, None, "follow its header"),
+    whole(described("'|u1'", "(-4, -3, 2)", b"\0" * 24), 422, "body", "shape"),
+    whole(described("'|O'", "(24,)", b"\0" * 192), 422, "body", "uint8"),
+    whole(b"", 400, None, "numpy.save"),
+    whole(FREE, 422, "body", "(1,)", place=DOOR),
+    raw(f"{LAB}/observations?time={T}", b"", 415, None, "application/x-npy", "text/csv"),
+]
 POSTS = [
     raw(f"{DOOR}/observations?source=" + "x" * 129, b'{"time": [1], "state": [1]}', 422, "source"),
     raw(f"{DOOR}/observations?source=%00", b'{"time": [1], "state": [1]}', 422, "source", "NUL"),
@@ -256,6 +294,11 @@ def test_in_arrow(site: Untouched, case: Case) -> None:
 
 @table(*NPYS)
 def test_in_npy(site: Untouched, case: Case) -> None:
+    site.refuse(case)
+
+
+@table(*GRIDS)
+def test_of_whole_grids(site: Untouched, case: Case) -> None:
     site.refuse(case)
 
 

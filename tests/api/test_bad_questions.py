@@ -1,10 +1,11 @@
 """Questions that are refused, on every route that takes one."""
 
+import re
 from pathlib import Path
 
 import pytest
 
-from tests.api.house import DAY, NOW, open_house, problem
+from tests.api.house import BASE, DAY, NOW, PROBLEM, Api, done, open_house, problem
 from tests.api.refusals import DOOR, INFINITY, LAB, NAN, Case, T, Untouched, ask, form, furnished, raw, table
 from tests.support.databases import Databases
 
@@ -65,6 +66,8 @@ QUESTIONS = [
     form(f"{DOOR}/predict", {}, "time", "missing"),
     form(f"{DOOR}/predict", {"time": [T], "cell": ["x"]}, "cell[0]"),
     form(f"{DOOR}/predict", {"time": [T], "cell": [0.5]}, "cell[0]"),
+    form(f"{DOOR}/predict", {"time": [T], "cell": [False]}, "cell[0]"),
+    form(f"{DOOR}/predict", {"time": [T], "cell": ["0"]}, "cell[0]"),
     form(f"{DOOR}/predict", {"time": [T], "cell": [1]}, None, "0 to 0", 404),
     form(f"{DOOR}/predict", {"time": [T], "cell": [-1]}, None, "0 to 0", 404),
     form(f"{LAB}/predict", {"time": [T] * 60_000}, "time", "fewer times or cells"),
@@ -76,7 +79,7 @@ QUESTIONS = [
     form(f"{DOOR}/evaluate", {"orders": []}, "orders"),
     *(form(f"{DOOR}/evaluate", {"orders": [1, value]}, "orders[1]", "0 to 64") for value in (65, -1, 10**9)),
     form(f"{DOOR}/evaluate", {"orders": list(range(66))}, "orders"),
-    form(f"{DOOR}/evaluate", {"orders": ["x"]}, "orders[0]"),
+    *(form(f"{DOOR}/evaluate", {"orders": [value]}, "orders[0]") for value in ("x", "1", True)),
     form(f"{DOOR}/evaluate", {"orders": [1], "estimators": []}, "estimators"),
     form(f"{DOOR}/evaluate", {"orders": [1], "estimators": ["magic"]}, "estimators[0]"),
     form(f"{DOOR}/evaluate", {"orders": [1], "start": NOW, "stop": T}, "stop", "swap"),
@@ -127,6 +130,16 @@ QUESTIONS = [
     *(ask(f"/keys/{number}", None, "no key", 404, "DELETE") for number in (0, -1, 999, 2**63, 10**40)),
     ask("/keys/x", "key_id", method="DELETE"),
 ]
+UNKNOWN = [
+    ask(f"{DOOR}/state?tme=1", "tme", "known are time, confidence, order, estimator, bbox, observed"),
+    ask(f"{DOOR}/state?time=1&Time=2&cell=1", "cell", "known are time"),
+    ask(f"{DOOR}/state?=1", "", "known are time"),
+    ask(f"{DOOR}?time=1", "time", "none is known here"),
+    form(f"{DOOR}/predict?time=1", {"time": [T]}, "time", "none is known here"),
+    raw(f"{DOOR}/observations?robot=r", b'{"time": [1], "state": [1]}', 422, "robot", "known are source"),
+    raw(f"{DOOR}/observations?Idempotency-Key=k", b"not even JSON", 422, "Idempotency-Key", "known are source"),
+    ask("/keys/999?force=true", "force", method="DELETE"),
+]
 WRONG_METHODS = [
     ("PUT", "/locations"),
     ("DELETE", "/locations"),
@@ -161,12 +174,37 @@ def test_questions(site: Untouched, case: Case) -> None:
     site.refuse(case)
 
 
+@table(*UNKNOWN)
+def test_unknown_parameters(site: Untouched, case: Case) -> None:
+    site.refuse(case)
+
+
 @pytest.mark.parametrize(("method", "path"), WRONG_METHODS)
 def test_methods_that_are_not_allowed(site: Untouched, method: str, path: str) -> None:
     answer = site.api.request(method, path)
     found = problem(answer, 405)
     assert method in found["detail"]
-    assert answer.headers["allow"]
+    allowed = set(answer.headers["allow"].split(", "))
+    assert method not in allowed
+    assert allowed == described(site.api, path), "all of them"
+
+
+def described(api: Api, path: str) -> set[str]:
+    """The methods that the API's document has for an address."""
+    document = done(api.get("/openapi.json"))
+    return {
+        method.upper()
+        for template, item in document["paths"].items()
+        if re.fullmatch(re.sub(r"\{\w+\}", "[^/]+", template), f"{BASE}{path}")
+        for method in item
+    }
+
+
+@pytest.mark.parametrize("path", ["/static/site.css", "/api/docs", "/"])
+def test_methods_of_pages(site: Untouched, path: str) -> None:
+    answer = site.api.http.request("PUT", path)
+    assert (answer.status_code, answer.headers["content-type"]) == (405, PROBLEM)
+    assert "GET" in answer.headers["allow"]
 
 
 def test_what_only_one_kind_of_database_would_take(databases: Databases, tmp_path: Path) -> None:

@@ -146,6 +146,24 @@ def test_a_grid_seen_look_by_look(client: Any, name: str) -> None:
     assert corner.cell.tolist() == [0, 1]
 
 
+def test_a_grid_seen_whole(client: Any, name: str) -> None:
+    handle = client.create_location(name, kind="grid3d", interval_s=60, grid=GRID)
+    seen = np.full((4, 3, 2), -1)
+    seen[:, 0], seen[2, 1, 1] = 0, 1
+    assert handle.observe_grid(START, grid=seen).accepted == 9
+    assert handle.observe_grid(START + 60, grid=np.where(seen < 0, 255, seen).astype(np.uint8)).accepted == 9
+    assert handle.observe_grid(START + 120, grid=np.asfortranarray(seen)).accepted == 9
+    handle.update(wait=True)
+    for time_s in (START, START + 60, START + 120):
+        np.testing.assert_array_equal(handle.state(time_s, observed=True).dense("observed"), seen)
+    with pytest.raises(TidemapError) as caught:
+        handle.observe_grid(START, grid=seen.T)
+    assert (caught.value.status, caught.value.errors[0].field) == (422, "body")
+    for wrong in ({"grid": seen, "occupied": [0]}, {"grid": seen + 2}, {"grid": seen / 2}):
+        with pytest.raises(ValueError, match=r"give either|a state is"):
+            handle.observe_grid(START, **wrong)
+
+
 def test_many_looks_from_columns(client: Any, name: str) -> None:
     handle = client.create_location(name, kind="grid3d", interval_s=60, grid=GRID)
     times = np.repeat(START + 60 * np.arange(5), 24)
@@ -225,6 +243,7 @@ def test_anomalies_are_paged_and_acknowledged(client: Any, name: str) -> None:
     found = list(handle.anomalies(limit=2))
     assert [event.start for event in found] == [day + hour * 3600 for hour in (1, 2, 3)]
     assert [event.id for event in handle.anomalies(after=found[0].id)] == [event.id for event in found[1:]]
+    assert client.anomaly(found[1].id) == found[1]
     seen = client.acknowledge(found[1].id, "the cleaners")
     assert (seen.id, seen.note) == (found[1].id, "the cleaners")
     assert [event.id for event in handle.anomalies(acknowledged=True)] == [found[1].id]

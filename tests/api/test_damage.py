@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from sqlalchemy import text
 
+from app.client import answers
 from app.formats.arrow import ARROW
 from app.storage.engine import open_writer
 from tests.api.house import NOW, Api, done, open_house, problem
@@ -33,12 +34,14 @@ def test_the_map_answers_and_says_what_is_missing(house: tuple[Api, str], caplog
     answer = api.get(f"/locations/{name}/state")
     said = done(answer)
     assert (said["cell"], said["unavailable"]) == ([0, 7], [[1024, 1600]])
-    predicted = done(api.post(f"/locations/{name}/predict", {"time": [NOW]}))
-    assert predicted["unavailable"] == [[1024, 1600]]
+    asked = api.post(f"/locations/{name}/predict", {"time": [NOW]})
+    predicted = done(asked)
+    assert predicted["unavailable"] == answers.prediction(asked.content).unavailable.tolist() == [[1024, 1600]]
     assert [predicted["probability"][cell][0] is None for cell in (0, 7, 1500)] == [False, False, True]
     dense = np.load(io.BytesIO(api.get(f"/locations/{name}/state", headers={"Accept": "application/x-npy"}).content))
     assert np.count_nonzero(~np.isnan(dense)) == 2
-    assert b'"unavailable": [[1024, 1600]]' in api.get(f"/locations/{name}/state", headers={"Accept": ARROW}).content
+    table = api.get(f"/locations/{name}/state", headers={"Accept": ARROW}).content
+    assert answers.state(table).unavailable.tolist() == [[1024, 1600]]
     assert sum("chunk 1 is corrupt" in record.message for record in caplog.records) == 1
     assert "tidemap_damaged_blobs 1.0" in api.http.request("GET", "/metrics").text.splitlines()
     api.update(name)
@@ -49,12 +52,12 @@ def test_the_map_answers_and_says_what_is_missing(house: tuple[Api, str], caplog
 
 def test_a_question_about_a_cell_in_it_is_a_problem_of_its_own(house: tuple[Api, str]) -> None:
     api, name = house
-    answers = [
+    asked = [
         api.post(f"/locations/{name}/predict", {"time": [NOW], "cell": [0, 1500]}),
         api.get(f"/locations/{name}/series?cell=1500"),
         api.get(f"/locations/{name}/model?cell=1500"),
     ]
-    for answer in answers:
+    for answer in asked:
         found = problem(answer, 500, "corrupt-chunk")
         assert f"spectrum of location '{name}', chunk 1 is corrupt" in found["detail"]
         assert "backup" in found["detail"]

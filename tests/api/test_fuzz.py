@@ -1,11 +1,17 @@
-"""Whatever bytes a post holds, reading it ends in measurements or in an error that says why."""
+"""Whatever bytes a post holds, reading it ends in measurements or in an error that says why, and in bounded memory."""
 
+import gzip
 import json
+import tracemalloc
+from collections.abc import Callable
+from itertools import product
 from operator import itemgetter
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pytest
+import zstandard
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import boolean_dtypes, floating_dtypes, integer_dtypes, scalar_dtypes
@@ -13,7 +19,8 @@ from hypothesis.extra.numpy import boolean_dtypes, floating_dtypes, integer_dtyp
 from app.errors import InvalidInputError, UnreadableBodyError
 from app.ingest.observation import ARROW, JSON, NPY, Body, Target, parse
 from app.space.grid import SINGLE, Grid
-from tests.api.house import NOW, arrow, npy, npy_file
+from tests.api.house import HOUR, NOW, arrow, npy, npy_file, problem
+from tests.api.refusals import DOOR, LAB, Untouched
 
 TARGETS = {
     "state": Target("state", SINGLE, NOW),
@@ -151,3 +158,101 @@ def test_any_json(kind: str, value: Any) -> None:
 @given(content=st.binary(max_size=200))
 def test_any_bytes(kind: str, media_type: str, content: bytes) -> None:
     read(content, kind, media_type)
+
+
+SIZES = [0, 1, 2, 3, 7, 8, 127, 255, 256, 2**16 - 1, 2**24, 2**31 - 1, 2**31, 2**32 - 1, 2**40, 2**63 - 1, 2**64 - 1]
+"""What a length or an offset may say that is not one."""
+places = st.integers(0, 1 << 12)
+few = st.binary(min_size=1, max_size=9)
+
+
+def flip(content: bytearray, at: int, how: bytes) -> None:
+    content[at] ^= 1 << how[0] % 8
+
+
+def overwrite(content: bytearray, at: int, how: bytes) -> None:
+    content[at : at + len(how)] = how[: len(content) - at]
+
+
+def insert(content: bytearray, at: int, how: bytes) -> None:
+    content[at:at] = how
+
+
+def cut(content: bytearray, at: int, how: bytes) -> None:
+    del content[at : at + how[0]]
+
+
+def repeat(content: bytearray, at: int, how: bytes) -> None:
+    content[at:at] = content[at : at + how[0]] * (1 + how[-1])
+
+
+def truncate(content: bytearray, at: int, how: bytes) -> None:
+    del content[at:]
+
+
+def resize(content: bytearray, at: int, how: bytes) -> None:
+    """Where 32 or 64 bits stand, which are aligned in Arrow and npy: another number."""
+    width = 4 + 4 * (how[0] % 2)
+    at -= at % 4
+    number = SIZES[how[-1] % len(SIZES)] % (1 << 8 * width)
+    content[at : at + width] = number.to_bytes(width, "little")
+
+
+CHANGES: list[Callable[[bytearray, int, bytes], None]] = [flip, overwrite, insert, cut, repeat, truncate, resize]
+changes = st.lists(st.tuples(st.sampled_from(CHANGES), places, few), min_size=1, max_size=4)
+PACKERS: dict[str, Callable[[bytes], bytes]] = {"identity": bytes, "gzip": gzip.compress, "zstd": zstandard.compress}
+SEEN = NOW - HOUR
+POSTS = {
+    "arrow": (LAB, ARROW, "", arrow({"time": SEEN + TIMES, "cell": CELLS, "state": STATES})),
+    "npy": (LAB, NPY, "", npy({"time": SEEN + TIMES, "cell": CELLS, "state": STATES})),
+    "grid": (LAB, NPY, f"?time={SEEN}", npy_file(np.eye(4, 6, dtype=np.uint8).reshape(4, 3, 2))),
+    "json": (LAB, JSON, "", json.dumps({"observations": [{"time": SEEN, "occupied": [3, [1, 2, 0]]}]}).encode()),
+    "state": (DOOR, JSON, "", json.dumps({"time": (SEEN + TIMES).tolist(), "state": [0, 1, 1]}).encode()),
+    "state-arrow": (DOOR, ARROW, "", arrow({"time": SEEN + TIMES, "state": STATES})),
+}
+MOST_BYTES = 40 * 2**20
+"""What such a post may take; as many bytes as the largest of them claims to hold would be a thousand times that."""
+
+
+def changed(content: bytes, how: list[Any]) -> bytes:
+    spoilt = bytearray(content)
+    for change, at, data in how:
+        if spoilt:
+            change(spoilt, at % len(spoilt), data)
+    return bytes(spoilt)
+
+
+@pytest.mark.parametrize(("form", "packing"), list(product(POSTS, PACKERS)))
+def test_a_changed_post_is_stored_whole_or_not_at_all(site: Untouched, form: str, packing: str) -> None:
+    """It is spoilt before it is packed, after that, or both."""
+    path, media_type, query, good = POSTS[form]
+    headers = {"Content-Type": media_type, "Content-Encoding": packing}
+
+    def count() -> int:
+        return int(site.api.facts(path.removeprefix("/locations/"))["observations"])
+
+    held = [count()]
+
+    @settings(max_examples=40, derandomize=True, deadline=None, suppress_health_check=list(HealthCheck))
+    @given(before=changes | st.just([]), after=changes | st.just([]))
+    def run(before: list[Any], after: list[Any]) -> None:
+        content = changed(PACKERS[packing](changed(good, before)), after)
+        tracemalloc.reset_peak()
+        answer = site.api.post(f"{path}/observations{query}", content=content, headers=headers)
+        assert tracemalloc.get_traced_memory()[1] - began < MOST_BYTES
+        if answer.status_code == 201:
+            held.append(count())
+            assert held[-1] == held[-2] + answer.json()["accepted"] > held[-2]
+            site.accept()
+        else:
+            assert answer.status_code in (400, 413, 422), answer.text
+            problem(answer, answer.status_code)
+            site.check()
+
+    tracemalloc.start()
+    began, arrow_held = tracemalloc.get_traced_memory()[0], pa.default_memory_pool().max_memory()
+    try:
+        run()
+    finally:
+        tracemalloc.stop()
+    assert (pa.default_memory_pool().max_memory() or 0) - (arrow_held or 0) < MOST_BYTES

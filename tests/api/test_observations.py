@@ -30,7 +30,7 @@ from tests.api.house import (
     problem,
 )
 
-ANSWERED = {"accepted", "duplicate", "first_time", "last_time", "anomalies", "revision"}
+ANSWERED = {"accepted", "duplicate", "first_time", "last_time", "anomalies", "anomalies_total", "revision"}
 TIMES = [NOW - 3 * HOUR, NOW - 2 * HOUR, NOW - HOUR]
 
 
@@ -50,6 +50,7 @@ def test_the_answer_says_what_was_stored(api: Api) -> None:
         "first_time": "2026-03-01T21:00:00Z",
         "last_time": "2026-03-01T23:00:00Z",
         "anomalies": [],
+        "anomalies_total": 0,
         "revision": 0,
     }
     assert observed(api, name) == [0, 1, 1]
@@ -335,6 +336,62 @@ class TestIdempotencyKeys:
         assert observed(api, name) == [0, 1, 1]
 
 
+SEEN = np.array([[[0, 1], [255, 255], [1, 0]]] + [[[255, 255]] * 3] * 3, np.uint8)
+"""A grid of 4 x 3 x 2 of which four cells were seen."""
+
+
+class TestGrids:
+    """A whole grid at one time, a byte a cell."""
+
+    def post(self, api: Api, name: str, array: Any, time: Any = NOW - HOUR, **headers: str) -> Any:
+        headers = {"Content-Type": NPY, **headers}
+        path = f"/locations/{name}/observations"
+        return api.post(path, content=npy_file(array), params={"time": time}, headers=headers)
+
+    @pytest.mark.parametrize(
+        "array",
+        [
+            SEEN,
+            SEEN.ravel(),
+            SEEN.view(np.int8),
+            np.asfortranarray(SEEN),
+            np.where(SEEN == 255, -1, SEEN).astype(np.int8).ravel(),
+        ],
+    )
+    def test_every_way_to_write_it_is_the_same(self, api: Api, array: Any) -> None:
+        name = api.lab(estimator="static")
+        answer = done(self.post(api, name, array), 201)
+        assert (answer["accepted"], answer["first_time"], answer["last_time"]) == (4, *["2026-03-01T23:00:00Z"] * 2)
+        api.update(name)
+        state = done(api.get(f"/locations/{name}/state", params={"time": NOW, "observed": True}))
+        assert (state["cell"], state["observed"]) == ([0, 1, 4, 5], [0, 1, 1, 0])
+
+    def test_it_is_what_the_table_says(self, api: Api) -> None:
+        """The same measurements leave the same history and the same events, whatever their form."""
+        names = [api.lab(estimator="static", confidence=0.75) for _ in range(2)]
+        for name in names:
+            api.look(name, *((NOW - DAY + i * HOUR, [], list(range(24))) for i in range(20)))
+            api.update(name)
+        state = np.zeros((4, 3, 2), np.uint8)
+        state[1:3, 1] = 1
+        one = done(self.post(api, names[0], state, "2026-03-01T23:00:00Z"), 201)
+        other = api.look(names[1], (NOW - HOUR, np.flatnonzero(state).tolist(), np.flatnonzero(state == 0).tolist()))
+        assert [event["cells"] for event in one["anomalies"]] == [event["cells"] for event in other["anomalies"]] != []
+        series = [done(api.get(f"/locations/{name}/series?cell=9&start={NOW - DAY}&stop={NOW}")) for name in names]
+        assert series[0]["observed"] == series[1]["observed"]
+
+    def test_of_flat_grids_of_bools_and_of_a_state(self, api: Api) -> None:
+        flat = api.place(kind="grid2d", grid={"resolution_m": 1, "shape": [2, 3]})
+        assert done(self.post(api, flat, np.eye(2, 3, dtype=bool)), 201)["accepted"] == 6
+        assert done(self.post(api, api.place(), np.array([1], np.uint8)), 201)["accepted"] == 1
+
+    def test_its_time_belongs_to_what_a_key_stands_for(self, api: Api) -> None:
+        name, key = api.lab(), {"Idempotency-Key": "k"}
+        done(self.post(api, name, SEEN, **key), 201)
+        assert done(self.post(api, name, SEEN, **key), 200)["duplicate"]
+        problem(self.post(api, name, SEEN, NOW - 2 * HOUR, **key), 409, "idempotency-key-reused")
+
+
 def test_surprising_measurements_come_back_as_events(api: Api) -> None:
     name = api.place(estimator="fft", order=3, confidence=0.75)
     api.observe(name, *fortnight())
@@ -348,6 +405,7 @@ def test_surprising_measurements_come_back_as_events(api: Api) -> None:
         "start": "2026-03-02T00:00:00Z",
         "stop": "2026-03-02T01:00:00Z",
         "cells": [0],
+        "cells_total": 1,
         "bbox": None,
         "observed": 1,
         "probability": 0,

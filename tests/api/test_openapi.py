@@ -9,7 +9,7 @@ from urllib.parse import unquote
 import pytest
 
 from app.services.keys import delete_key
-from tests.api.house import ARROW, BASE, GRID, NOW, NPY, PROBLEM, Api, done, fortnight
+from tests.api.house import ARROW, BASE, GRID, NOW, NPY, PROBLEM, Api, done, fortnight, problem
 
 # What API.md fixes: method, path, the statuses of success.
 CONTRACT = {
@@ -31,6 +31,7 @@ CONTRACT = {
     ("get", "/anomalies"): {"200", "304"},
     ("get", "/locations/{name}/anomalies"): {"200", "304"},
     ("post", "/locations/{name}/anomalies/detect"): {"200"},
+    ("get", "/anomalies/{}"): {"200"},
     ("post", "/anomalies/{}/acknowledge"): {"200"},
     ("get", "/keys"): {"200"},
     ("post", "/keys"): {"201"},
@@ -221,6 +222,16 @@ def test_every_form_refuses_unknown_fields(document: Any) -> None:
             if "$ref" in choice:
                 schema = resolve(document, choice["$ref"])
                 assert schema["additionalProperties"] is False, path
+
+
+def test_every_route_refuses_unknown_parameters_and_names_those_described(document: Any, api: Api) -> None:
+    for method, path, operation in operations(document):
+        address = re.sub(r"\{\w+\}", "1", path)
+        answer = api.request(method.upper(), address, params={"limit": 5, "nothing_such": 1, "Time": 2})
+        errors = {each["field"]: each["message"] for each in problem(answer, 422, "invalid-input")["errors"]}
+        known = [each["name"] for each in operation.get("parameters", []) if each["in"] == "query"]
+        assert errors.keys() == {"nothing_such", "Time", "limit"} - set(known), (method, path)
+        assert errors["Time"].endswith(f"known are {', '.join(known)}" if known else "none is known here")
 
 
 def test_no_schema_is_left_unused(document: Any) -> None:

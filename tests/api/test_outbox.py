@@ -18,6 +18,7 @@ from app.client import AsyncClient, Client, OutboxFullError, Patience, Pending, 
 from tests.support.server import ServerProcess, StartServer
 
 OUT_OF_RANGE = "http://127.0.0.1:9"
+GRID = (np.arange(24) % 3 - 1).reshape(4, 3, 2)
 EAGER = Patience(first_s=0.05, most_s=0.2)
 
 
@@ -189,6 +190,7 @@ def test_cells_as_rows_are_queued_without_the_server(shared_server: ServerProces
     with robot(OUT_OF_RANGE, path) as spot:
         spot.location("lab").observe(np.repeat([0, 60], 24), states, np.tile(cells, (2, 1)))
         spot.location("lab").observe_grid(120, occupied=cells[3:5], free=cells[20:])
+        assert spot.location("lab").observe_grid(180, grid=GRID) == Queued(1, 16)
     with robot(shared_server.url, path) as spot, Client(shared_server.url) as tidemap:
         grid = {"resolution_m": 0.5, "shape": [4, 3, 2]}
         lab, twin = (tidemap.create_location(n, kind="grid3d", interval_s=60, grid=grid) for n in ("lab", "twin"))
@@ -197,8 +199,9 @@ def test_cells_as_rows_are_queued_without_the_server(shared_server: ServerProces
         assert spot.outbox.flush(60)
         twin.observe(np.repeat([0, 60], 24), states, np.tile(np.arange(24), 2))
         twin.observe_grid(120, occupied=[3, 4], free=[20, 21, 22, 23])
+        twin.observe_grid(180, grid=GRID)
         assert [handle.update().state for handle in (lab, twin)] == ["done", "done"]
-        for time_s in (0, 60, 120):
+        for time_s in (0, 60, 120, 180):
             one, two = (handle.state(time_s, observed=True).dense("observed") for handle in (lab, twin))
             np.testing.assert_array_equal(one, two)
 

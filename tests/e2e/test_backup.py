@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
+from urllib.parse import quote
 
 import httpx
 import pytest
@@ -18,6 +19,8 @@ from tests.support.server import ServerProcess, StartServer, run_command
 
 CLIENTS = 8
 POSTS_BEFORE = 200
+ODD = "file:ünd 100%41? #&=+@;☃"
+"""What each of the ways to write down a file, as a path, a URL and SQLite's own URI, takes to mean something else."""
 QUIET = {"TIDEMAP_VIEWER": "false", "TIDEMAP_UPDATER_INTERVAL_S": "0.1", "TIDEMAP_UPDATE_REST_S": "0"}
 
 
@@ -141,11 +144,27 @@ class TestFile:
         assert names(tmp_path) == ["tidemap.db"]
 
     def test_a_folder_with_any_name(self, tmp_path: Path) -> None:
-        folder = tmp_path / "ünd 100 #"
-        assert command("migrate", "--data", str(folder)).returncode == 0
-        for words in (("backup", str(folder / "a copy?.db")), ("verify",)):
+        folder = tmp_path / ODD
+        assert command("keys", "create", "--role", "robot", "--data", str(folder)).returncode == 0
+        for words in (("backup", str(folder / f"{ODD}.db")), ("verify",), ("keys", "list")):
             done = command(*words, "--data", str(folder))
             assert done.returncode == 0, done.stderr
+        assert "robot" in done.stdout
+        assert [path.name for path in tmp_path.iterdir()] == [ODD]
+        copied = command("keys", "list", "--database-url", f"sqlite:///{quote(str(folder / f'{ODD}.db'))}")
+        assert "robot" in copied.stdout
+
+
+def test_a_server_works_in_a_folder_with_any_name(server: StartServer, tmp_path: Path) -> None:
+    folder = tmp_path / ODD
+    running = server("--data", str(folder), env=QUIET)
+    make_door(running)
+    assert command("backup", str(folder / "copy.db"), "--data", str(folder)).returncode == 0
+    running.stop()
+    assert [path.name for path in tmp_path.iterdir()] == [ODD]
+    assert (
+        {"tidemap.db", "copy.db"} <= set(names(folder)) <= {"tidemap.db", "tidemap.db-wal", "tidemap.db-shm", "copy.db"}
+    )
 
 
 class TestPostgres:

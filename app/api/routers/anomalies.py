@@ -10,8 +10,9 @@ from app.api.dependencies import After, Ctx, Id, Limit, Operator, TimeQuery, cur
 from app.api.encoding import JSON, to_json, with_etag
 from app.schemas.anomalies import AcknowledgeForm, DetectForm, Event, Events
 from app.schemas.common import Page
-from app.services.anomalies import DetectQuery, EventQuery, acknowledge, detect, list_events
+from app.services.anomalies import DetectQuery, EventQuery, acknowledge, detect, get_event, list_events
 from app.services.context import Context
+from app.services.listing import shortened
 
 router = APIRouter(tags=["anomalies"], route_class=FormRoute)
 Surprise = Annotated[float | None, Query(ge=0, le=1)]
@@ -58,7 +59,8 @@ def list_here(
 def _page(request: Request, ctx: Context, query: EventQuery, limit: int) -> Response:
     events = list_events(ctx, query)
     following = str(events[limit - 1].id) if len(events) > limit else None
-    content = to_json(Page(items=events[:limit], next=following).model_dump(mode="json"))
+    items = [shortened(event) for event in events[:limit]]
+    content = to_json(Page(items=items, next=following).model_dump(mode="json"))
     return with_etag(request, (content,), lambda: Response(content, media_type=JSON))
 
 
@@ -67,6 +69,12 @@ def search(name: str, form: DetectForm, ctx: Ctx, _: Operator) -> Events:
     """The events of the history by this rule and confidence; nothing is stored."""
     events, revision = detect(ctx, name, DetectQuery(**form.model_dump()))
     return Events(items=events, revision=revision)
+
+
+@router.get("/anomalies/{anomaly_id}")
+def get(anomaly_id: Id, ctx: Ctx, _: Operator) -> Event:
+    """One event with all of its cells."""
+    return get_event(ctx, anomaly_id)
 
 
 @router.post("/anomalies/{anomaly_id}/acknowledge")

@@ -9,16 +9,18 @@ from fastapi import APIRouter, Header, Query, Request, Response
 
 from app.api.auth import refuse
 from app.api.dependencies import Robot, posted_body
+from app.api.parameters import StrictRoute
 from app.errors import UnauthorizedError
 from app.ingest.observation import ARROW, JSON, NPY
 from app.schemas.common import Text
 from app.schemas.observations import Accepted, GridObservations, StateObservations
 from app.services.context import Context
 from app.services.keys import Principal
+from app.services.listing import most_surprising
 from app.services.observe import begin
 from app.services.posts import Observed, Post
 
-router = APIRouter(prefix="/locations/{name}/observations", tags=["observations"])
+router = APIRouter(prefix="/locations/{name}/observations", tags=["observations"], route_class=StrictRoute)
 
 _BODY: dict[str, Any] = {
     "requestBody": {
@@ -60,7 +62,9 @@ _BODY: dict[str, Any] = {
                     "format": "binary",
                     "description": "What numpy.save writes of a structured array, one row a measurement, with fields "
                     "time (float64 Unix seconds), cell (uint32; not for kind state) and state (uint8 or bool): "
-                    "numpy.zeros(n, [('time', 'f8'), ('cell', 'u4'), ('state', 'u1')]).",
+                    "numpy.zeros(n, [('time', 'f8'), ('cell', 'u4'), ('state', 'u1')]). Or, with `?time=`, of a whole "
+                    "grid at that time: uint8, int8 or bool of the location's shape, or flat (n_cells,) in C order, "
+                    "with 0 free, 1 occupied, 255 or -1 not seen.",
                 }
             },
         },
@@ -73,6 +77,9 @@ async def post(
     name: str,
     robot: Robot,
     request: Request,
+    time: Annotated[
+        str | None, Query(description="When a grid (npy) was seen; required for it, and for it alone.")
+    ] = None,
     source: Annotated[Text | None, Query(max_length=128, description="The robot's name.")] = None,
     idempotency_key: Annotated[str | None, Header(alias="Idempotency-Key", min_length=1, max_length=255)] = None,
 ) -> Response:
@@ -83,7 +90,7 @@ async def post(
     stored: Future[Observed] = Future()
     try:
         with request.app.state.budget.share() as share:
-            body = await posted_body(request, share)
+            body = await posted_body(request, time, share)
             sent = Post(body, source or _name(robot.principal), idempotency_key, robot.claim)
             request.app.state.parsing.submit(_begin, stored, request.app.state.ctx, name, sent)
             result = await asyncio.wrap_future(stored)
@@ -91,8 +98,19 @@ async def post(
         if robot.claim is not None:
             await refuse(request, robot.claim)
         raise
-    content = Accepted.model_validate(result, from_attributes=True).model_dump_json()
-    return Response(content, 200 if result.duplicate else 201, media_type=JSON)
+    return Response(_answer(result).model_dump_json(), 200 if result.duplicate else 201, media_type=JSON)
+
+
+def _answer(result: Observed) -> Accepted:
+    return Accepted(
+        accepted=result.accepted,
+        duplicate=result.duplicate,
+        first_time=result.first_time,
+        last_time=result.last_time,
+        anomalies=most_surprising(result.anomalies),
+        anomalies_total=len(result.anomalies),
+        revision=result.revision,
+    )
 
 
 def _begin(stored: "Future[Observed]", ctx: Context, name: str, sent: Post) -> None:

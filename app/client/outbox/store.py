@@ -13,6 +13,7 @@ from pathlib import Path
 
 from app.client.errors import OutboxError, OutboxFullError
 from app.client.outbox.file import connect, explained
+from app.client.plans import Scalar
 from app.client.posting import Batch, Queued
 
 JOURNAL_BYTES = 4 << 20
@@ -107,9 +108,10 @@ class Store:
             row = db.execute(sql, [json.dumps(list(but))]).fetchone()
         if row is None:
             return None
-        number, path, query, content_type, content, key, measurements, checksum = row
-        batch = Batch(path, json.loads(query), content_type, content, key, measurements)
-        return Kept(number, batch, zlib.crc32(content) != checksum)
+        number, path, text, content_type, content, key, measurements, checksum = row
+        query = _query_of(text)
+        batch = Batch(path, query or {}, content_type, content, key, measurements)
+        return Kept(number, batch, query is None or zlib.crc32(content) != checksum)
 
     def sent(self, number: int) -> None:
         """Forget a batch that the server has stored."""
@@ -202,6 +204,15 @@ class Store:
                 # Some errors, such as a full disk, have SQLite roll back by itself.
                 if db.in_transaction:
                     db.execute("ROLLBACK")
+
+
+def _query_of(text: str) -> dict[str, Scalar] | None:
+    """The query of a batch, None where it is not what was written."""
+    try:
+        query = json.loads(text)
+    except ValueError:
+        return None
+    return query if isinstance(query, dict) else None
 
 
 def _insert(db: sqlite3.Connection, batch: Batch) -> None:

@@ -15,6 +15,7 @@ META = {
     "order": 3,
     "revision": 7,
     "shape": [2, 2],
+    "unavailable": [[1, 3]],
 }
 
 
@@ -41,6 +42,7 @@ def test_a_state_carries_its_columns_and_metadata() -> None:
     assert (state.estimator, state.confidence) == ("fft", 0.9)
     assert state.verdict.tolist() == ["uncertain", "occupied"]
     assert (state.observed, state.observed_time) == (None, None)
+    assert state.unavailable.tolist() == [[1, 3]]
 
 
 def test_verdicts_may_be_dictionary_encoded() -> None:
@@ -88,12 +90,14 @@ def test_a_prediction_is_cells_by_times() -> None:
         "state": [[0, 0, 1], [None, None, None]],
         "entropy": [[0.0, 1.0, 0.0], [None, None, None]],
         "revision": 2,
+        "unavailable": [[5, 8], [9, 10]],
     }
     prediction = answers.prediction(json.dumps(said).encode())
     assert prediction.probability.shape == prediction.state.shape == prediction.entropy.shape == (2, 3)
     assert prediction.probability[0].tolist() == [0, 0.5, 1]
     assert prediction.state.tolist() == [[0, 0, 1], [-1, -1, -1]]
     assert np.isnan(prediction.entropy[1]).all()
+    assert prediction.unavailable.tolist() == [[5, 8], [9, 10]]
     assert (prediction.cell.tolist(), prediction.revision, prediction.confidence) == ([4, 9], 2, 0.9)
 
 
@@ -106,8 +110,10 @@ def test_a_prediction_of_no_cells_keeps_its_shape() -> None:
         "state": [],
         "entropy": [],
         "revision": 1,
+        "unavailable": [],
     }
-    assert answers.prediction(json.dumps(said).encode()).probability.shape == (0, 1)
+    prediction = answers.prediction(json.dumps(said).encode())
+    assert (prediction.probability.shape, prediction.unavailable.shape) == ((0, 1), (0, 2))
 
 
 def test_a_series_marks_what_is_unknown() -> None:

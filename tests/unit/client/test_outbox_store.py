@@ -301,6 +301,16 @@ def test_nothing_in_a_file_cut_short_is_taken_for_what_was_observed(data: st.Dat
                 store.sent(kept.id)
 
 
+def test_a_batch_whose_query_cannot_be_read_is_damaged(store: Store, path: Path) -> None:
+    store.put([batch()], MOST)
+    with closing(sqlite3.connect(path, isolation_level=None)) as db:
+        for text in ("\0\0", "3", ""):
+            db.execute("UPDATE batch SET query = ?", [text])
+            kept = store.first()
+            assert kept is not None
+            assert kept.damaged
+
+
 def test_a_changed_content_is_not_taken_for_what_was_observed(store: Store, path: Path) -> None:
     store.put([batch(content=b"101")], MOST)
     with closing(sqlite3.connect(path, isolation_level=None)) as db:

@@ -90,7 +90,8 @@ def test_batches_merge_into_one_answer(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def stored(accepted: int, first: str, last: str, *events: dict[str, object]) -> Said:
         times = {"first_time": f"1970-01-0{first}T00:00:00Z", "last_time": f"1970-01-0{last}T00:00:00Z"}
-        return Said(201, {"accepted": accepted, "duplicate": False, "anomalies": events, "revision": accepted} | times)
+        told = {"anomalies": events, "anomalies_total": 100 * len(events)}
+        return Said(201, {"accepted": accepted, "duplicate": False, **told, "revision": accepted} | times)
 
     longer = event(1, stop="1970-01-01T09:00:00Z")
     answers = stored(2, "1", "2", event(1)), stored(1, "3", "4", longer, event(2))
@@ -101,7 +102,7 @@ def test_batches_merge_into_one_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     assert all(request.path.endswith("?source=spot") for request in script.received)
     assert (accepted.accepted, accepted.first_time, accepted.last_time) == (3, 0, 3 * 86400)
     assert [(each.id, each.stop) for each in accepted.anomalies] == [(1, 9 * 3600), (2, 300)]
-    assert accepted.revision == 1
+    assert (accepted.revision, accepted.anomalies_total) == (1, 300)
 
 
 def test_update_asks_until_the_job_has_ended() -> None:

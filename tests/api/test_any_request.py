@@ -1,0 +1,151 @@
+"""Whatever the API's document allows, and what it does not, is answered as that says and never by a 5xx.
+
+What is refused stores nothing.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+import schemathesis
+from hypothesis import HealthCheck, Phase, assume, given, settings
+from hypothesis import strategies as st
+from schemathesis import Case, GenerationMode
+from schemathesis.checks import not_a_server_error
+from schemathesis.core.parameters import ParameterLocation
+from schemathesis.schemas import APIOperation, BaseSchema
+from schemathesis.specs.openapi import checks
+
+from app.api.main import BASE, ROUTERS
+from app.services.keys import create_key
+from tests.api.house import Api, done, open_house
+from tests.api.refusals import Untouched, furnished
+
+EXAMPLES = 30
+"""Requests to each operation in each mode."""
+STEADY = settings(
+    max_examples=EXAMPLES,
+    derandomize=True,
+    deadline=None,
+    phases=[Phase.generate],
+    suppress_health_check=list(HealthCheck),
+)
+"""The same requests in every run. They are told as they came: the site is another after each of them."""
+CHECKS = [
+    not_a_server_error,
+    checks.status_code_conformance,
+    checks.content_type_conformance,
+    checks.response_headers_conformance,
+    checks.response_schema_conformance,
+    checks.negative_data_rejection,
+    checks.missing_required_header,
+]
+OPERATIONS = sorted(
+    (BASE + route.path, method)
+    for router in ROUTERS
+    for route in router.routes
+    for method in route.methods  # type: ignore[attr-defined]
+)
+MODES = {"allowed": GenerationMode.POSITIVE, "not-allowed": GenerationMode.NEGATIVE}
+ALL_ALLOWED = {(f"{BASE}/locations/{{name}}", "GET"), (f"{BASE}/locations/{{name}}", "DELETE")}
+"""These take a name only, and every text may be one."""
+NEVER_IN_TIME = {(f"{BASE}/jobs/{{job_id}}", "DELETE")}
+"""What jobs there are have ended: none can be cancelled."""
+
+
+class Guest:
+    """Sends requests to a site where every id and name may be real."""
+
+    def __init__(self, api: Api, site: Untouched) -> None:
+        self.api, self.site = api, site
+        own = create_key(api.ctx, "own", "admin")
+        api.http.sign_in(own.key)
+        self.own_key = own.id
+        site.accept()
+        self.schema: BaseSchema = schemathesis.openapi.from_dict(as_lists(done(api.get("/openapi.json"))))
+
+    def operation(self, path: str, method: str) -> APIOperation:
+        return self.schema[path][method]  # type: ignore[no-any-return]
+
+    def real(self, case: Case, place: str, number: int) -> None:
+        """Name things that exist, each in its turn, where the path is not what is wrong with the request."""
+        for name in case.path_parameters:
+            if case.meta is not None and case.meta.is_negative_at(ParameterLocation.PATH):
+                continue
+            case.path_parameters[name] = self._place(case, place) if name == "name" else self._number(name, number)
+
+    def _place(self, case: Case, place: str) -> str:
+        """One of its own for what changes a location for good."""
+        if case.method not in ("PATCH", "DELETE"):
+            return place
+        name = self.api.place()
+        self.site.accept()
+        return name
+
+    def _number(self, name: str, number: int) -> int:
+        if name != "key_id" or number % 2:
+            return number
+        made = create_key(self.api.ctx, "guest", "robot")
+        self.site.accept()
+        return made.id
+
+    def send(self, case: Case) -> Any:
+        sent = case.as_transport_kwargs(base_url="http://localhost")
+        sent["content"] = sent.pop("data", None)
+        assert not sent.pop("cookies")
+        return self.api.http.request(sent.pop("method"), sent.pop("url"), **sent)
+
+    def settle(self, answer: Any) -> None:
+        """Look at what is stored, once what was begun has ended."""
+        if answer.status_code == 202:
+            done(self.api.get(f"/jobs/{answer.json()['id']}?wait=60"))
+        if answer.is_success and answer.request.method != "GET":
+            self.site.accept()
+        self.site.check()
+
+
+def as_lists(schema: Any) -> Any:
+    """A schema with lists of n items for tuples of equal ones: schemathesis stumbles over `prefixItems` in answers."""
+    if isinstance(schema, list):
+        return [as_lists(each) for each in schema]
+    if not isinstance(schema, dict):
+        return schema
+    made = {name: as_lists(value) for name, value in schema.items()}
+    if (items := made.pop("prefixItems", None)) is not None:
+        assert all(each == items[0] for each in items)
+        made["items"] = items[0]
+    return made
+
+
+@pytest.fixture(scope="module")
+def guest(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guest]:
+    with open_house(tmp_path_factory.mktemp("guest"), requests_per_s=0) as api, furnished(api) as site:
+        yield Guest(api, site)
+
+
+def test_every_operation_is_tried(guest: Guest) -> None:
+    described = {(each.ok().path, each.ok().method.upper()) for each in guest.schema.get_all_operations()}
+    assert {operation for operation in described if operation[0].startswith(BASE)} == set(OPERATIONS)
+
+
+@pytest.mark.parametrize(
+    ("path", "method", "mode"),
+    [(*each, mode) for each in OPERATIONS for mode in MODES if mode == "allowed" or each not in ALL_ALLOWED],
+)
+def test_requests(guest: Guest, path: str, method: str, mode: str) -> None:
+    operation = guest.operation(path, method)
+    statuses: set[int] = set()
+    places, numbers = st.sampled_from(["door", "lab"]), st.integers(1, 4)
+
+    @STEADY
+    @given(case=operation.as_strategy(generation_mode=MODES[mode]), place=places, number=numbers)
+    def run(case: Case, place: str, number: int) -> None:
+        guest.real(case, place, number)
+        assume(case.path_parameters.get("key_id") != guest.own_key)
+        answer = guest.send(case)
+        statuses.add(answer.status_code)
+        case.validate_response(answer, checks=CHECKS)
+        guest.settle(answer)
+
+    run()
+    assert mode != "allowed" or statuses & {200, 201, 202, 204} or (path, method) in NEVER_IN_TIME
