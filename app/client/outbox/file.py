@@ -104,7 +104,7 @@ def _prepare(path: Path, db: sqlite3.Connection) -> None:
         raise OutboxError(f"{path}: this outbox has the form {version}, and this client knows {VERSION}")
     if _pragma(db, "journal_mode") != "wal":
         raise OutboxError(f"{path}: an outbox needs a local disk; this file system has no shared memory")
-    if _number(db, "page_count") <= CHECKED_PAGES and (found := _pragma(db, "quick_check(1)")) != "ok":
+    if _number(db, "page_count") <= CHECKED_PAGES and (found := _pragma(db, "integrity_check(1)")) != "ok":
         raise OutboxError(f"{path}: the file is damaged ({found})")
 
 

@@ -275,6 +275,17 @@ def test_a_log_torn_off_keeps_every_post_that_was_whole(torn_off: tuple[Path, li
             assert last.batch.key == "later"
 
 
+def test_a_row_that_is_not_the_one_in_the_index_is_found_when_the_file_is_opened(path: Path) -> None:
+    """Taking it out of the file would fail: nothing behind it would ever be sent."""
+    with closing(Store(path, durable=True)) as store:
+        store.put([batch(content=b"1" * 3000, key=str(number)) for number in range(20)], 1 << 20)
+    content = path.read_bytes()
+    at = content.rindex(PLACES[0].encode())
+    path.write_bytes(content[:at] + b"\0" + content[at + 1 :])
+    with pytest.raises(OutboxError, match="damaged"):
+        prepare(path)
+
+
 @given(data=st.data())
 def test_nothing_in_a_file_cut_short_is_taken_for_what_was_observed(data: st.DataObject) -> None:
     written = [batch(content=bytes([number]) * 3000) for number in range(1, 21)]
