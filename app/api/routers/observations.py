@@ -77,10 +77,10 @@ async def post(
     name: str,
     robot: Robot,
     request: Request,
+    source: Annotated[Text | None, Query(max_length=128, description="The robot's name.")] = None,
     time: Annotated[
         str | None, Query(description="When a grid (npy) was seen; required for it, and for it alone.")
     ] = None,
-    source: Annotated[Text | None, Query(max_length=128, description="The robot's name.")] = None,
     idempotency_key: Annotated[str | None, Header(alias="Idempotency-Key", min_length=1, max_length=255)] = None,
 ) -> Response:
     """Post measurements; answered after their durable commit.
