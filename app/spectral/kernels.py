@@ -96,6 +96,17 @@ def mark(index: NDArray[np.int32], used: NDArray[np.bool_]) -> None:
 
 
 @kernel
+def summed(index: Any, coefficient: Any, phasor: Any) -> Any:
+    """Re Σ coefficient · phasor[index] of one cell; its two parts are summed apart, which makes one step of both."""
+    real, imaginary = np.float32(0), np.float32(0)
+    for place in range(index.size):
+        wave, value = phasor[index[place]], coefficient[place]
+        real += value.real * wave.real
+        imaginary += value.imag * wave.imag
+    return real - imaginary
+
+
+@kernel
 def add_waves(
     cell: NDArray[np.int32],
     index: Index,
@@ -105,11 +116,46 @@ def add_waves(
 ) -> None:
     """out[cell] += Re Σ coefficient · phasor[index]; phasor (n_waves,) carries the factor 2 and the gate."""
     for row in range(cell.size):
-        total = np.float32(0)
-        for place in range(index.shape[1]):
-            wave, value = phasor[index[row, place]], coefficient[row, place]
-            total += value.real * wave.real - value.imag * wave.imag
-        out[cell[row]] += total
+        out[cell[row]] += summed(index[row], coefficient[row], phasor)
+
+
+@kernel
+def values(
+    mean: NDArray[np.float32],
+    cell: NDArray[np.int32],
+    index: Index,
+    coefficient: NDArray[np.complex64],
+    phasor: NDArray[np.complex64],
+    out: NDArray[np.float32],
+) -> None:
+    """out (n,) = what `add_waves` makes of the means of the cells (n,)."""
+    for row in range(cell.size):
+        out[row] = mean[cell[row]] + summed(index[row], coefficient[row], phasor)
+
+
+@kernel
+def tell(
+    at: NDArray[np.int32],
+    value: NDArray[np.float32],
+    over: float,
+    under: float,
+    probability: NDArray[np.float32],
+    state: NDArray[np.uint8],
+    verdict: NDArray[np.uint8],
+) -> None:
+    """Write the probabilities `value` (n,), clipped to [0, 1], and what is said from them to places `at` (n,).
+
+    verdict: 1 over `over`, else 0 under `under`, else 2. What is NaN is left out. Without branches, for nobody could
+    foresee them.
+    """
+    high, low = np.float32(over), np.float32(under)
+    for i in range(at.size):
+        if value[i] == value[i]:
+            p = min(max(value[i], np.float32(0)), np.float32(1))
+            occupied, free = np.uint8(p > high), np.uint8(p < low)
+            probability[at[i]] = p
+            state[at[i]] = occupied
+            verdict[at[i]] = occupied + np.uint8(2) * ((occupied | free) ^ np.uint8(1))
 
 
 @kernel
@@ -135,11 +181,7 @@ def add_waves_of(
                 row += step
             step //= 2
         if row < cell.size and cell[row] == wanted[i]:
-            total = np.float32(0)
-            for place in range(index.shape[1]):
-                wave, value = phasor[index[row, place]], coefficient[row, place]
-                total += value.real * wave.real - value.imag * wave.imag
-            out[i] += total
+            out[i] += summed(index[row], coefficient[row], phasor)
 
 
 @kernel

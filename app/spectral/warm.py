@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from app.spectral.history import History
 from app.spectral.model import add, reconstruct, update
-from app.spectral.prediction import predict, predict_times
+from app.spectral.prediction import Answer, predict, predict_times, write_waves
 from app.spectral.selection import choose
 from app.spectral.timebase import TimeBase
 
@@ -43,6 +43,9 @@ def warm() -> None:
         for spectrum in (model.spectrum, kept, replace(kept, time_zone="UTC")):
             predict(spectrum, 0.0)
             predict(spectrum, 0.0, [0])
+            n = spectrum.n_cells
+            answer = Answer(np.zeros(n, np.float32), np.zeros(n, np.uint8), np.zeros(n, np.uint8))
+            write_waves(spectrum, 0.0, 0.5, spectrum.cell, answer)
             predict_times(spectrum, [0.0, 1.0])
             reconstruct(replace(model, spectrum=spectrum))
     choose(History.from_states((np.arange(2 * 4500).reshape(2, 4500) % 9 < 3).astype(np.uint8)), base, time_zone="UTC")
