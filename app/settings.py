@@ -108,6 +108,12 @@ class Settings(BaseSettings):
     # Reading and streaming
     history_cache_bytes: int = Field(256 * 2**20, ge=0, description="Memory for unpacked history.")
     spectrum_cache_bytes: int = Field(512 * 2**20, ge=0, description="Memory for spectra.")
+    answer_cache_bytes: int = Field(
+        64 * 2**20,
+        ge=0,
+        description="Memory for Arrow answers about whole maps, 10 bytes a cell; the next question about a map only "
+        "writes anew what changes.",
+    )
     socket_queue: int = Field(256, gt=0, description="Events a WebSocket reader may lag behind before it is dropped.")
     viewer: bool = Field(True, description="Run the 3D viewer.")
     log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="How much to log.")

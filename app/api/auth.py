@@ -1,8 +1,9 @@
 """Who asks, and may they: bearer keys and browser sessions, pages of other sites, too many requests."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Coroutine, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
 from fastapi import Request
@@ -16,6 +17,7 @@ from app.services.context import Context
 from app.services.keys import OPEN, Claim, Principal, allows, by_secret, by_session, digest_of, is_open
 from app.settings import Settings, is_loopback
 
+Answer = TypeVar("Answer")
 COOKIE = "tidemap_session"
 READING = frozenset({"GET", "HEAD", "OPTIONS"})
 
@@ -60,32 +62,50 @@ def _count(connection: HTTPConnection, principal: Principal) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Sender:
-    """Who posts; `claim` is to be confirmed where it is stored."""
+    """Who posts or asks; `claim` is to be confirmed where the database is read."""
 
     principal: Principal
     claim: Claim | None
 
 
-async def sender(request: Request) -> Sender:
-    """A dependency: who posts, if they may. Whoever did lately is looked up where the post reads anyway, not here.
+def sending(role: Role) -> Callable[[Request], Coroutine[Any, Any, Sender]]:
+    """A dependency: who posts or asks, if their role allows what `role` may.
 
-    Raises as `of_connection`, ForbiddenError.
+    Whoever did lately is looked up where the database is read anyway, not here. Raises as `of_connection`,
+    ForbiddenError.
     """
-    secret = _bearer(request)
-    digest = None if secret is None else digest_of(secret)
-    claim = None if digest is None and COOKIE in request.cookies else _senders(request).get(digest)
-    if claim is None:
-        principal = await run_in_threadpool(of_connection, request)
-        if digest is not None or principal == OPEN:
-            claim = Claim(principal, digest)
-            _senders(request).add(claim)
-    else:
-        principal = claim.principal
-        if digest is None:
-            _refuse_strangers(request)
-        _count(request, principal)
-    _check_role(principal, "robot")
-    return Sender(principal, claim)
+
+    async def check(request: Request) -> Sender:
+        secret = _bearer(request)
+        digest = None if secret is None else digest_of(secret)
+        claim = None if digest is None and COOKIE in request.cookies else _senders(request).get(digest)
+        if claim is None:
+            principal = await run_in_threadpool(of_connection, request)
+            if digest is not None or principal == OPEN:
+                claim = Claim(principal, digest)
+                _senders(request).add(claim)
+        else:
+            principal = claim.principal
+            if digest is None:
+                _refuse_strangers(request)
+            _count(request, principal)
+        _check_role(principal, role)
+        return Sender(principal, claim)
+
+    return check
+
+
+async def confirming(request: Request, sender: Sender, run: Callable[[], Answer]) -> Answer:
+    """What `run`, in a thread, answers; a claim that it finds untrue is refused.
+
+    Raises as `refuse`, UnauthorizedError.
+    """
+    try:
+        return await run_in_threadpool(run)
+    except UnauthorizedError:
+        if sender.claim is not None:
+            await refuse(request, sender.claim)
+        raise
 
 
 async def refuse(request: Request, claim: Claim) -> None:

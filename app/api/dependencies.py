@@ -5,7 +5,7 @@ from typing import Annotated
 from fastapi import Depends, Query, Request
 from pydantic import AfterValidator
 
-from app.api.auth import Sender, require, sender
+from app.api.auth import Sender, require, sending
 from app.api.bodies import read_body
 from app.api.budget import Share
 from app.errors import InvalidInputError
@@ -62,7 +62,8 @@ def _storable(number: int) -> int:
 LARGEST_ID = 2**63 - 1
 Id = Annotated[int, AfterValidator(_storable)]
 Ctx = Annotated[Context, Depends(context)]
-Robot = Annotated[Sender, Depends(sender)]
+Robot = Annotated[Sender, Depends(sending("robot"))]
+Asker = Annotated[Sender, Depends(sending("operator"))]
 Operator = Annotated[Principal, Depends(require("operator"))]
 Admin = Annotated[Principal, Depends(require("admin"))]
 TimeQuery = Annotated[str | None, Query(description="Unix seconds, or ISO 8601 with a zone.")]

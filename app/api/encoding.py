@@ -2,6 +2,7 @@
 
 import hashlib
 import io
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,10 +10,14 @@ import orjson
 from fastapi import Request
 from numpy.typing import NDArray
 from starlette.responses import Response
+from starlette.types import Receive, Scope, Send
 
 from app.formats.arrow import ARROW, encode_table, labels, nullable
 from app.schemas.common import iso
-from app.services.predict import PredictionView, SeriesView, StateView
+from app.services.lending import Loan
+from app.services.predict import PredictionView, StateFacts, StateView
+from app.services.series import SeriesView
+from app.services.sheets import MapSheet
 from app.spectral.history import UNOBSERVED
 from app.spectral.prediction import VERDICTS
 
@@ -32,22 +37,51 @@ def preferred(request: Request, offered: tuple[str, ...]) -> str:
     return next((each for each in accepted if each in offered), offered[0])
 
 
-def with_etag(request: Request, key: tuple[object, ...], respond: Any) -> Response:
+def with_etag(request: Request, key: tuple[object, ...], respond: Callable[[], Response]) -> Response:
     """304 when the asker holds this version already, else the response with its ETag."""
     etag = '"' + hashlib.sha256(repr(key).encode()).hexdigest()[:32] + '"'
     headers = {"ETag": etag, "Cache-Control": "no-cache", "Vary": "Accept, Authorization, Cookie"}
     known = [each.strip().removeprefix("W/") for each in request.headers.get("if-none-match", "").split(",")]
     if etag in known:
         return Response(status_code=304, headers=headers)
-    response: Response = respond()
+    response = respond()
     response.headers.update(headers)
     return response
 
 
+class Parts(Response):
+    """A response of several pieces of memory, each sent as it lies: put together they would be copied."""
+
+    def __init__(self, parts: Sequence[bytes | memoryview], media_type: str) -> None:
+        length = sum(memoryview(part).nbytes for part in parts)
+        super().__init__(headers={"content-length": str(length)}, media_type=media_type)
+        self._parts = parts
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send all parts."""
+        await send({"type": "http.response.start", "status": self.status_code, "headers": self.raw_headers})
+        *before, last = self._parts
+        for part in before:
+            await send({"type": "http.response.body", "body": part, "more_body": True})
+        await send({"type": "http.response.body", "body": last})
+
+
+def encode_sheet(facts: StateFacts, loan: Loan[MapSheet]) -> Response:
+    """The answer to a question about a whole map, in Arrow."""
+    return Parts((loan.value.arrow.head(_state_facts(facts)), loan.memory.data), ARROW)
+
+
+def encode_grid(facts: StateFacts, grid: NDArray[np.float32]) -> Response:
+    """A dense grid of probabilities in npy."""
+    head = io.BytesIO()
+    np.lib.format.write_array_header_1_0(head, np.lib.format.header_data_from_array_1_0(grid))
+    response = Parts((head.getvalue(), grid.reshape(-1).view(np.uint8).data), NPY)
+    response.headers["Tidemap-Revision"] = str(facts.revision)
+    return response
+
+
 def encode_state(view: StateView, media_type: str) -> Response:
-    """The answer to a question for one time."""
-    if media_type == NPY:
-        return Response(_npy(view), media_type=NPY, headers={"Tidemap-Revision": str(view.revision)})
+    """The answer to a question for one time, in Arrow or JSON."""
     if media_type == ARROW:
         return Response(encode_table(_state_columns(view), _state_facts(view)), media_type=ARROW)
     columns: dict[str, Any] = {
@@ -62,7 +96,7 @@ def encode_state(view: StateView, media_type: str) -> Response:
     return Response(to_json({**_state_facts(view), **columns}), media_type=JSON)
 
 
-def _state_facts(view: StateView) -> dict[str, Any]:
+def _state_facts(view: StateFacts) -> dict[str, Any]:
     return {
         "time": iso(view.time),
         "confidence": view.confidence,
@@ -85,14 +119,6 @@ def _state_columns(view: StateView) -> dict[str, Any]:
         columns["observed"] = nullable(view.observed, view.observed == UNOBSERVED)
         columns["observed_time"] = nullable(view.observed_time, np.isnan(view.observed_time))
     return columns
-
-
-def _npy(view: StateView) -> bytes:
-    dense = np.full(view.n_cells, np.nan, np.float32)
-    dense[view.cell] = view.probability
-    sink = io.BytesIO()
-    np.save(sink, dense.reshape(view.shape))
-    return sink.getvalue()
 
 
 def nulls(states: NDArray[np.uint8]) -> Any:

@@ -10,18 +10,25 @@ from app.errors import CorruptChunkError
 from app.events.bus import Bus
 from app.services.caches import ByteCache
 from app.services.damage import Damage
+from app.services.lending import Lender
 from app.services.places import Places
+from app.services.sheets import MapSheet
 from app.settings import Settings
 from app.spectral.history import History
 from app.spectral.spectrum import Spectrum
 from app.storage.observations import Tail
+from app.storage.records import RevisionRecord
 from app.storage.store import Store
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Loaded:
-    """A spectrum of all cells of a location; those of the chunks in `damage` are blank, as if never observed."""
+    """A spectrum of all cells of a location; those of the chunks in `damage` are blank, as if never observed.
 
+    `revision` is the one it is of, or that one as if it had been fitted so.
+    """
+
+    revision: RevisionRecord
     spectrum: Spectrum
     damage: Mapping[int, CorruptChunkError]
 
@@ -39,6 +46,7 @@ class Context:
     spectra: ByteCache[Loaded]
     histories: ByteCache[History]
     tails: ByteCache[Tail]
+    sheets: Lender[MapSheet]
     damage: Damage
     places: Places
     compacting: Lock
@@ -57,6 +65,7 @@ def open_context(settings: Settings, clock: Callable[[], float] = time.time) -> 
             ByteCache(settings.spectrum_cache_bytes, lambda value: spectrum_bytes(value.spectrum)),
             ByteCache(settings.history_cache_bytes, lambda value: value.observed.nbytes + value.occupied.nbytes),
             ByteCache(settings.history_cache_bytes // 2, tail_bytes),
+            Lender(settings.answer_cache_bytes),
             Damage(),
             Places(),
             Lock(),

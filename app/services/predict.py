@@ -1,16 +1,20 @@
 """Questions about the state at any time (Eq. 3)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from weakref import ref
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.errors import CellNotFoundError, InvalidInputError, refuse_reversed
+from app.errors import CellNotFoundError, InvalidInputError
 from app.services.context import Context
-from app.services.history import last_seen, read_cell, window
+from app.services.history import last_seen
+from app.services.keys import Claim
+from app.services.lending import Loan
+from app.services.sheets import MapSheet
 from app.services.spectra import Fitted, fitted
 from app.spectral.history import NEVER, UNOBSERVED
-from app.spectral.prediction import entropy, predict, predict_times, state, verdict
+from app.spectral.prediction import entropy, known, predict, predict_times, state, verdict
 from app.storage.records import LocationRecord
 
 
@@ -27,11 +31,9 @@ class StateQuery:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StateView:
-    """The cells that have been observed, (n,) each.
+class StateFacts:
+    """What an answer says of itself.
 
-    verdict: 0 free, 1 occupied, 2 uncertain. observed: as last seen at that time, 2 where never before;
-    observed_time: start of that sample, NaN where never before. Both None unless asked for.
     unavailable: ranges [first, stop) of cells whose blobs are damaged: these are left out, or lack what was last seen.
     """
 
@@ -42,12 +44,6 @@ class StateView:
     order: int
     revision: int
     shape: tuple[int, ...]
-    cell: NDArray[np.int64]
-    probability: NDArray[np.float32]
-    state: NDArray[np.uint8]
-    verdict: NDArray[np.uint8]
-    observed: NDArray[np.uint8] | None
-    observed_time: NDArray[np.float64] | None
     unavailable: list[tuple[int, int]]
 
     @property
@@ -56,33 +52,111 @@ class StateView:
         return int(np.prod(self.shape, dtype=np.int64))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class StateView(StateFacts):
+    """The cells that have been observed, (n,) each.
+
+    verdict: 0 free, 1 occupied, 2 uncertain. observed: as last seen at that time, 2 where never before;
+    observed_time: start of that sample, NaN where never before. Both None unless asked for.
+    """
+
+    cell: NDArray[np.int64]
+    probability: NDArray[np.float32]
+    state: NDArray[np.uint8]
+    verdict: NDArray[np.uint8]
+    observed: NDArray[np.uint8] | None
+    observed_time: NDArray[np.float64] | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Asked:
+    """A question, and the spectrum that answers it."""
+
+    query: StateQuery
+    model: Fitted
+
+    @property
+    def confidence(self) -> float:
+        """The question's, or the location's."""
+        return self.model.place.confidence if self.query.confidence is None else self.query.confidence
+
+    def facts(self) -> StateFacts:
+        """What the answer says of itself, as far as it does not say what was last seen."""
+        place, revision = self.model.place, self.model.revision
+        return StateFacts(
+            location_id=place.id,
+            time=self.query.time,
+            confidence=self.confidence,
+            estimator=revision.estimator,
+            order=revision.order,
+            revision=revision.revision,
+            shape=place.cells.shape,
+            unavailable=self.model.unavailable,
+        )
+
+
+def ask(ctx: Context, name: str, query: StateQuery, claim: Claim | None = None) -> Asked:
+    """What answers a question; nothing is computed yet.
+
+    Raises LocationNotFoundError, NoModelError, CorruptChunkError, UnauthorizedError.
+    """
+    return Asked(query, fitted(ctx, name, query.estimator, query.order, claim))
+
+
 def state_at(ctx: Context, name: str, query: StateQuery) -> StateView:
     """The state at a time. Raises LocationNotFoundError, NoModelError, InvalidInputError."""
-    model = fitted(ctx, name, query.estimator, query.order)
-    place = model.place
-    probability = predict(model.spectrum, query.time, threads=ctx.settings.update_threads)
-    cell, probability = _known(probability)
-    if query.bbox is not None:
-        inside = _box(place, query.bbox, cell)
-        cell, probability = cell[inside], probability[inside]
-    confidence = place.confidence if query.confidence is None else query.confidence
+    return view_of(ctx, ask(ctx, name, query))
+
+
+def view_of(ctx: Context, asked: Asked) -> StateView:
+    """The answer in arrays. Raises InvalidInputError."""
+    query, model, place = asked.query, asked.model, asked.model.place
+    cell, probability = _asked_for(ctx, asked)
     seen = last_seen(ctx, place, int(place.base.sample(query.time)), cell) if query.observed else None
+    facts = asked.facts()
+    damaged = {*model.damage, *(() if seen is None else seen.damaged)}
     return StateView(
-        location_id=place.id,
-        time=query.time,
-        confidence=confidence,
-        estimator=model.revision.estimator,
-        order=model.revision.order,
-        revision=model.revision.revision,
-        shape=place.cells.shape,
+        **{each.name: getattr(facts, each.name) for each in fields(facts) if each.name != "unavailable"},
+        unavailable=place.cell_ranges(damaged),
         cell=cell,
         probability=probability,
-        state=state(probability, confidence),
-        verdict=verdict(probability, confidence),
+        state=state(probability, asked.confidence),
+        verdict=verdict(probability, asked.confidence),
         observed=None if seen is None else seen.state,
         observed_time=None if seen is None else _start(place, seen.sample),
-        unavailable=place.cell_ranges({*model.damage, *(() if seen is None else seen.damaged)}),
     )
+
+
+def sheet_of(ctx: Context, asked: Asked) -> Loan[MapSheet] | None:
+    """The answer as it is sent in Arrow; None where it is not about a whole map."""
+    spectrum, confidence = asked.model.spectrum, asked.confidence
+    if asked.query.bbox is not None or asked.query.observed:
+        return None
+    key = (asked.model.place.id, asked.model.revision.recipe, confidence)
+    loan = ctx.sheets.borrow(key, ref(asked.model.loaded), lambda: MapSheet.of(spectrum, confidence))
+    loan.value.write(spectrum, asked.query.time, ctx.settings.update_threads)
+    return loan
+
+
+def grid_of(ctx: Context, asked: Asked) -> NDArray[np.float32]:
+    """The probability of all cells, in the location's shape; NaN where never observed or outside of the box."""
+    shape, spectrum = asked.model.place.cells.shape, asked.model.spectrum
+    if asked.query.bbox is None:
+        return predict(spectrum, asked.query.time, threads=ctx.settings.update_threads).reshape(shape)
+    grid = np.full(spectrum.n_cells, np.nan, np.float32)
+    cell, probability = _asked_for(ctx, asked)
+    grid[cell] = probability
+    return grid.reshape(shape)
+
+
+def _asked_for(ctx: Context, asked: Asked) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """The cells that have been observed, of those in the box if there is one, and their probability."""
+    spectrum, query = asked.model.spectrum, asked.query
+    if query.bbox is None:
+        return _known(predict(spectrum, query.time, threads=ctx.settings.update_threads))
+    cell = known(spectrum)
+    cell = cell[_box(asked.model.place, query.bbox, cell)]
+    return cell, predict(spectrum, query.time, cell)
 
 
 def _known(probability: NDArray[np.float32]) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
@@ -154,7 +228,7 @@ def predict_at(ctx: Context, name: str, query: PredictQuery) -> PredictionView:
         cell,
         confidence,
         probability,
-        _state_or_unknown(probability, confidence),
+        state_or_unknown(probability, confidence),
         entropy(probability),
         model.revision.revision,
         model.unavailable,
@@ -177,72 +251,6 @@ def check_cell(place: LocationRecord, cell: int) -> None:
         raise CellNotFoundError(cell, place.n_cells)
 
 
-def _state_or_unknown(probability: NDArray[np.float32], confidence: float) -> NDArray[np.uint8]:
+def state_or_unknown(probability: NDArray[np.float32], confidence: float) -> NDArray[np.uint8]:
+    """The state, UNOBSERVED where p is NaN."""
     return np.where(np.isnan(probability), np.uint8(UNOBSERVED), state(probability, confidence))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SeriesView:
-    """One cell over time, (n,) each; state and observed are 2 where unknown, observed is that of the time's sample."""
-
-    cell: int
-    time: NDArray[np.float64]
-    probability: NDArray[np.float32]
-    state: NDArray[np.uint8]
-    observed: NDArray[np.uint8]
-    revision: int
-
-
-def series(
-    ctx: Context,
-    name: str,
-    cell: int = 0,
-    start: float | None = None,
-    stop: float | None = None,
-    step: float | None = None,
-) -> SeriesView:
-    """One cell over [start, stop), by default all of its history at every sample.
-
-    Without a model the probability is NaN and the revision 0. Raises LocationNotFoundError, CellNotFoundError,
-    CorruptChunkError, InvalidInputError.
-    """
-    with ctx.store.read() as work:
-        place = work.locations.get(name)
-    check_cell(place, cell)
-    first, last = window(ctx, place)
-    start = float(place.base.time(first)) if start is None else start
-    stop = float(place.base.time(last)) if stop is None else stop
-    time = _times(ctx, start, stop, place.interval_s if step is None else step)
-    probability = np.full(len(time), np.nan, np.float32)
-    revision = 0
-    if place.revision:
-        model = fitted(ctx, name)
-        model.check_readable([cell])
-        probability, revision = (
-            predict_times(model.spectrum, time, np.array([cell]))[0],
-            model.revision.revision,
-        )
-    observed = _observed_at(ctx, place, cell, time)
-    return SeriesView(cell, time, probability, _state_or_unknown(probability, place.confidence), observed, revision)
-
-
-def _times(ctx: Context, start: float, stop: float, step: float) -> NDArray[np.float64]:
-    if not step > 0:
-        raise InvalidInputError.at("step", "give a positive number of seconds")
-    refuse_reversed(start, stop)
-    most = ctx.settings.max_points
-    if stop - start > most * step:
-        raise InvalidInputError.at("step", f"these are more than {most} times; use a longer step or a shorter range")
-    return np.asarray(start + step * np.arange(int(np.ceil((stop - start) / step))), np.float64)
-
-
-def _observed_at(ctx: Context, place: LocationRecord, cell: int, time: NDArray[np.float64]) -> NDArray[np.uint8]:
-    first, last = window(ctx, place)
-    sample = place.base.sample(time)
-    inside = (sample >= first) & (sample < last)
-    observed = np.full(len(time), UNOBSERVED, np.uint8)
-    if inside.any():
-        low, high = int(sample[inside].min()), int(sample[inside].max()) + 1
-        states = read_cell(ctx, place, cell, low, high).states()[0]
-        observed[inside] = states[sample[inside] - low]
-    return observed

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from app.errors import CorruptChunkError, NoModelError
 from app.services.context import Context, Loaded
 from app.services.history import read_history, window
+from app.services.keys import Claim, confirm
 from app.spectral.model import fit_part
 from app.spectral.recipe import ORDER, Recipe
 from app.spectral.spectrum import Spectrum, blank, concatenate, truncate
@@ -24,9 +25,22 @@ class Fitted:
     """
 
     place: LocationRecord
-    revision: RevisionRecord
-    spectrum: Spectrum
-    damage: Mapping[int, CorruptChunkError]
+    loaded: Loaded
+
+    @property
+    def revision(self) -> RevisionRecord:
+        """What it was fitted by, or as if."""
+        return self.loaded.revision
+
+    @property
+    def spectrum(self) -> Spectrum:
+        """All cells."""
+        return self.loaded.spectrum
+
+    @property
+    def damage(self) -> Mapping[int, CorruptChunkError]:
+        """What is wrong with the chunks that cannot be read."""
+        return self.loaded.damage
 
     @property
     def unavailable(self) -> list[tuple[int, int]]:
@@ -40,27 +54,27 @@ class Fitted:
                 raise CorruptChunkError(error.what, error.why)
 
 
-def fitted(ctx: Context, name: str, estimator: str | None = None, order: int | None = None) -> Fitted:
+def fitted(
+    ctx: Context, name: str, estimator: str | None = None, order: int | None = None, claim: Claim | None = None
+) -> Fitted:
     """The spectrum of the current revision, at another order or by another estimator where asked.
 
-    Raises LocationNotFoundError, NoModelError, CorruptChunkError where no chunk of it can be read. A refit reads the
-    window's history; its result is cached.
+    Raises LocationNotFoundError, NoModelError, CorruptChunkError where no chunk of it can be read, UnauthorizedError
+    where a claim is not true any more. A refit reads the window's history; its result is cached.
     """
-    place, revision = current_revision(ctx, name)
+    place, revision = current_revision(ctx, name, claim)
     while True:
         wanted = _wanted(place, revision, estimator, order)
         key = (place.id, None if wanted.recipe == revision.recipe else wanted.recipe)
         load = partial(_load, ctx, place, revision, wanted)
         try:
-            loaded = ctx.spectra.get(key, revision.revision, load)
+            return Fitted(place, ctx.spectra.get(key, revision.revision, load))
         except CorruptChunkError:
             before = revision
             place, revision = current_revision(ctx, name)
             if revision.revision == before.revision:
                 raise
             # An update took its place, and its chunks away, before they were loaded.
-        else:
-            return Fitted(place, wanted, loaded.spectrum, loaded.damage)
 
 
 def held(ctx: Context, place: LocationRecord) -> Spectrum | None:
@@ -69,11 +83,14 @@ def held(ctx: Context, place: LocationRecord) -> Spectrum | None:
     return None if loaded is None else loaded.spectrum
 
 
-def current_revision(ctx: Context, name: str) -> tuple[LocationRecord, RevisionRecord]:
-    """Raises LocationNotFoundError, NoModelError."""
+def current_revision(ctx: Context, name: str, claim: Claim | None = None) -> tuple[LocationRecord, RevisionRecord]:
+    """Raises LocationNotFoundError, NoModelError, UnauthorizedError."""
     with ctx.store.read() as work:
+        if claim is not None:
+            confirm(work, claim)
         place = work.locations.get(name)
-        revision = work.spectra.get(place.id, place.revision)
+        loaded = ctx.spectra.held((place.id, None), place.revision)
+        revision = work.spectra.get(place.id, place.revision) if loaded is None else loaded.revision
     if revision is None:
         raise NoModelError(name)
     return place, revision
@@ -83,6 +100,8 @@ def _wanted(
     place: LocationRecord, revision: RevisionRecord, estimator: str | None, order: int | None
 ) -> RevisionRecord:
     """The revision as if it had been fitted with this estimator and order."""
+    if estimator is None and order is None:
+        return revision
     return replace(revision, recipe=recipe_for(place, revision, estimator or revision.estimator, order))
 
 
@@ -104,21 +123,21 @@ def _load(ctx: Context, place: LocationRecord, stored: RevisionRecord, wanted: R
         return _stored(ctx, place, stored)
     if wanted.estimator == stored.estimator == "fft" and wanted.order < stored.order:
         whole = _stored(ctx, place, stored)
-        return Loaded(truncate(whole.spectrum, wanted.order), whole.damage)
+        return Loaded(wanted, truncate(whole.spectrum, wanted.order), whole.damage)
     known, part = window(ctx, place), (stored.start, stored.stop)
 
     def fit(chunk: int) -> Spectrum:
         return fit_part(read_history(ctx, place, chunk, *known), wanted.recipe, place.base, part)
 
-    return _whole(ctx, place, fit)
+    return _whole(ctx, place, wanted, fit)
 
 
 def _stored(ctx: Context, place: LocationRecord, revision: RevisionRecord) -> Loaded:
     with ctx.store.read() as work:
-        return _whole(ctx, place, lambda chunk: work.spectra.chunk(place, revision.revision, chunk))
+        return _whole(ctx, place, revision, lambda chunk: work.spectra.chunk(place, revision.revision, chunk))
 
 
-def _whole(ctx: Context, place: LocationRecord, read: Callable[[int], Spectrum]) -> Loaded:
+def _whole(ctx: Context, place: LocationRecord, revision: RevisionRecord, read: Callable[[int], Spectrum]) -> Loaded:
     """The spectra of all chunks as one, blank where a chunk is damaged. CorruptChunkError where all are."""
     parts: dict[int, Spectrum] = {}
     damage: dict[int, CorruptChunkError] = {}
@@ -132,4 +151,4 @@ def _whole(ctx: Context, place: LocationRecord, read: Callable[[int], Spectrum])
     for chunk, found in damage.items():
         ctx.damage.found(place.id, found)
         parts[chunk] = blank(next(iter(parts.values())), place.chunk_size(chunk))
-    return Loaded(concatenate([parts[chunk] for chunk in range(place.n_chunks)]), damage)
+    return Loaded(revision, concatenate([parts[chunk] for chunk in range(place.n_chunks)]), damage)

@@ -3,9 +3,13 @@
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
-from numba import njit, types
+from numba import config, njit, types
 from numba.cpython.unsafe.numbers import trailing_zeros
 from numba.extending import intrinsic
+
+# Numbers that lie side by side, as the two parts of a complex one, go through one instruction; sums keep their order.
+# numba has no type for its settings.
+setattr(config, "SLP_VECTORIZE", 1)  # noqa: B010
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 

@@ -1,4 +1,4 @@
-"""Kernels on coefficients: choosing them, and evaluating them at one time or at every sample."""
+"""Kernels that evaluate coefficients at one time or at every sample."""
 
 from typing import Any
 
@@ -11,8 +11,6 @@ from app.spectral.jit import fused_kernel, kernel
 Index = NDArray[np.uint16] | NDArray[np.uint32]
 
 HALF = WORD // 2
-CHUNK = 16
-"""Bins looked at together; most chunks hold none of the greatest and cost one comparison."""
 
 NEAR = 4
 """Rows that are looked at one by one before steps get longer."""
@@ -21,80 +19,14 @@ GATHER_BITS = np.uint64(0x0102040810204080)
 
 
 @kernel
-def unpack(
-    observed: NDArray[np.uint8],
-    occupied: NDArray[np.uint8],
-    row: NDArray[np.int64],
-    mean: NDArray[np.float32],
-    out: NDArray[np.float32],
-) -> None:
-    """out (n, n_samples): s - mean of the cells `row`, zero where unobserved."""
-    n_samples = out.shape[1]
-    for i in range(row.size):
-        cell, shift = row[i], mean[row[i]]
-        for byte in range(n_samples >> 3):
-            seen, full = observed[cell, byte], occupied[cell, byte]
-            for bit in range(8):
-                value = np.float32((full >> bit) & 1) - shift
-                out[i, 8 * byte + bit] = value * np.float32((seen >> bit) & 1)
-        for sample in range(n_samples & ~7, n_samples):
-            seen, full = observed[cell, sample >> 3], occupied[cell, sample >> 3]
-            value = np.float32((full >> (sample & 7)) & 1) - shift
-            out[i, sample] = value * np.float32((seen >> (sample & 7)) & 1)
-
-
-@kernel
-def greatest(
-    bins: NDArray[np.complex64],
-    scale: NDArray[np.float32],
-    nyquist: bool,
-    index: NDArray[np.int32],
-    coefficient: NDArray[np.complex64],
-) -> None:
-    """Of every row the bins of greatest magnitude, descending, of equal ones the lower frequency first.
-
-    bins (n, n_bins) with DC at 0, which is left out; index, coefficient (n, order), zero where the
-    row has fewer. With `nyquist` the last bin is its own conjugate and counts half.
-    """
-    n_bins, order = bins.shape[1], index.shape[1]
-    size = -(-n_bins // CHUNK) * CHUNK
-    power = np.zeros(size, np.float32)
-    key = power.view(np.int32)
-    best = np.empty(order, np.int32)
-    for row in range(bins.shape[0]):
-        for k in range(1, n_bins):
-            value = bins[row, k]
-            power[k] = value.real * value.real + value.imag * value.imag
-        if nyquist:
-            power[n_bins - 1] *= np.float32(0.25)
-        best[:] = 0
-        for first in range(0, size, CHUNK):
-            top = key[first]
-            for k in range(first, first + CHUNK):
-                top = max(top, key[k])
-            if top <= best[order - 1]:
-                continue
-            for k in range(first, first + CHUNK):
-                if key[k] > best[order - 1]:
-                    place = order - 1
-                    while place > 0 and best[place - 1] < key[k]:
-                        best[place] = best[place - 1]
-                        index[row, place] = index[row, place - 1]
-                        place -= 1
-                    best[place] = key[k]
-                    index[row, place] = k
-        for place in range(order):
-            if best[place] > 0:
-                k = index[row, place]
-                factor = scale[row] * np.float32(0.5 if nyquist and k == n_bins - 1 else 1.0)
-                coefficient[row, place] = bins[row, k] * factor
-
-
-@kernel
-def mark(index: NDArray[np.int32], used: NDArray[np.bool_]) -> None:
-    for row in range(index.shape[0]):
-        for place in range(index.shape[1]):
-            used[index[row, place]] = True
+def summed(index: Any, coefficient: Any, phasor: Any) -> Any:
+    """Re Σ coefficient · phasor[index] of one cell; its two parts are summed apart, which makes one step of both."""
+    real, imaginary = np.float32(0), np.float32(0)
+    for place in range(index.size):
+        wave, value = phasor[index[place]], coefficient[place]
+        real += value.real * wave.real
+        imaginary += value.imag * wave.imag
+    return real - imaginary
 
 
 @kernel
@@ -107,11 +39,46 @@ def add_waves(
 ) -> None:
     """out[cell] += Re Σ coefficient · phasor[index]; phasor (n_waves,) carries the factor 2 and the gate."""
     for row in range(cell.size):
-        total = np.float32(0)
-        for place in range(index.shape[1]):
-            wave, value = phasor[index[row, place]], coefficient[row, place]
-            total += value.real * wave.real - value.imag * wave.imag
-        out[cell[row]] += total
+        out[cell[row]] += summed(index[row], coefficient[row], phasor)
+
+
+@kernel
+def values(
+    mean: NDArray[np.float32],
+    cell: NDArray[np.int32],
+    index: Index,
+    coefficient: NDArray[np.complex64],
+    phasor: NDArray[np.complex64],
+    out: NDArray[np.float32],
+) -> None:
+    """out (n,) = what `add_waves` makes of the means of the cells (n,)."""
+    for row in range(cell.size):
+        out[row] = mean[cell[row]] + summed(index[row], coefficient[row], phasor)
+
+
+@kernel
+def tell(
+    at: NDArray[np.int32],
+    value: NDArray[np.float32],
+    over: float,
+    under: float,
+    probability: NDArray[np.float32],
+    state: NDArray[np.uint8],
+    verdict: NDArray[np.uint8],
+) -> None:
+    """Write the probabilities `value` (n,), clipped to [0, 1], and what is said from them to places `at` (n,).
+
+    verdict: 1 over `over`, else 0 under `under`, else 2. What is NaN is left out. Without branches, for nobody could
+    foresee them.
+    """
+    high, low = np.float32(over), np.float32(under)
+    for i in range(at.size):
+        if value[i] == value[i]:
+            p = min(max(value[i], np.float32(0)), np.float32(1))
+            occupied, free = np.uint8(p > high), np.uint8(p < low)
+            probability[at[i]] = p
+            state[at[i]] = occupied
+            verdict[at[i]] = occupied + np.uint8(2) * ((occupied | free) ^ np.uint8(1))
 
 
 @kernel
@@ -136,16 +103,6 @@ def row_of(cell: NDArray[np.int32], wanted: int, row: int) -> int:
 
 
 @kernel
-def wave_at(index: Index, coefficient: NDArray[np.complex64], phasor: NDArray[np.complex64], row: int) -> Any:
-    """Re Σ coefficient · phasor[index] of a row."""
-    total = np.float32(0)
-    for place in range(index.shape[1]):
-        wave, value = phasor[index[row, place]], coefficient[row, place]
-        total += value.real * wave.real - value.imag * wave.imag
-    return total
-
-
-@kernel
 def add_waves_of(
     wanted: NDArray[np.int64],
     cell: NDArray[np.int32],
@@ -159,7 +116,7 @@ def add_waves_of(
     for i in range(wanted.size):
         row = row_of(cell, wanted[i], row)
         if row < cell.size and cell[row] == wanted[i]:
-            out[i] += wave_at(index, coefficient, phasor, row)
+            out[i] += summed(index[row], coefficient[row], phasor)
 
 
 @kernel
@@ -185,7 +142,7 @@ def unlikely(
         row = row_of(cell, at, row)
         here = mean[at]
         if row < cell.size and cell[row] == at:
-            here += wave_at(index, coefficient, phasor, row)
+            here += summed(index[row], coefficient[row], phasor)
         if here < bounds[0] if state[i] else here > bounds[1]:
             rows[found], value[found] = i, here
             found += 1

@@ -1,6 +1,8 @@
 """Prediction: the probability of any cell at any time, and what is said from it (Eq. 3)."""
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -16,6 +18,10 @@ UNCERTAIN_VERDICT: Final = 2
 
 TABLE_SIZE = 1 << 20
 """Entries of a table of phasors that are held at a time."""
+BLOCK = 1 << 15
+"""Cells with waves that are answered at a time, so that their values stay in the processor's cache."""
+WORTHWHILE = 1 << 22
+"""Coefficients from which on another thread is worth being started: 3 ms of work."""
 
 
 def predict(spectrum: Spectrum, time: float, cells: ArrayLike | None = None, threads: int = 1) -> NDArray[np.float32]:
@@ -32,25 +38,61 @@ def predict(spectrum: Spectrum, time: float, cells: ArrayLike | None = None, thr
         kernels.add_waves_of(chosen, *waves, out)
     else:
         out = spectrum.mean.copy()
-        _add_waves(spectrum, phasor, out, threads)
+
+        def add(part: slice) -> None:
+            kernels.add_waves(spectrum.cell[part], spectrum.index[part], spectrum.coefficient[part], phasor, out)
+
+        _share(spectrum, threads, add)
     return probability(spectrum, out)
 
 
-def _add_waves(spectrum: Spectrum, phasor: NDArray[np.complex64], out: NDArray[np.float32], threads: int) -> None:
-    """Rows are shared out; every cell is written by one thread."""
-    step = max(1, -(-spectrum.cell.size // max(1, threads)))
-    parts = [slice(first, first + step) for first in range(0, spectrum.cell.size, step)]
+@dataclass(frozen=True, slots=True, eq=False)
+class Answer:
+    """What is said of some cells at one time, to be written: probability (n,) float32, state and verdict (n,) uint8."""
 
-    def add(part: slice) -> None:
-        waves = (spectrum.cell[part], spectrum.index[part], spectrum.coefficient[part])
-        kernels.add_waves(*waves, phasor, out)
+    probability: NDArray[np.float32]
+    state: NDArray[np.uint8]
+    verdict: NDArray[np.uint8]
 
+
+def known(spectrum: Spectrum) -> NDArray[np.int64]:
+    """The cells that have been observed, ascending."""
+    return np.flatnonzero(~np.isnan(spectrum.mean))
+
+
+def write_waves(
+    spectrum: Spectrum, time: float, confidence: float, at: NDArray[np.int32], out: Answer, threads: int = 1
+) -> None:
+    """Write the answer at a time (Unix seconds) of the cells that have waves to their places `at` (n_varying,) int32.
+
+    As `predict`, `state` and `verdict`; of a cell that was never observed nothing is written.
+    """
+    phasor = phasors(spectrum, np.array([time], np.float64))[:, 0].copy()
+
+    def write(part: slice) -> None:
+        for first in range(part.start, part.stop, BLOCK):
+            rows = slice(first, min(first + BLOCK, part.stop))
+            waves = (spectrum.cell[rows], spectrum.index[rows], spectrum.coefficient[rows], phasor)
+            value = np.empty(rows.stop - rows.start, np.float32)
+            kernels.values(spectrum.mean, *waves, value)
+            if spectrum.link == "logit":
+                probability(spectrum, value)
+            kernels.tell(at[rows], value, confidence, 1 - confidence, out.probability, out.state, out.verdict)
+
+    _share(spectrum, threads, write)
+
+
+def _share(spectrum: Spectrum, threads: int, work: Callable[[slice], None]) -> None:
+    """Rows of waves are shared out among threads; every row goes to one of them."""
+    n_rows = spectrum.cell.size
+    step = max(-(-n_rows // max(1, threads)), -(-WORTHWHILE // max(1, spectrum.order)))
+    parts = [slice(first, min(first + step, n_rows)) for first in range(0, n_rows, step)]
     if len(parts) <= 1:
         for part in parts:
-            add(part)
+            work(part)
         return
     with ThreadPoolExecutor(len(parts)) as pool:
-        list(pool.map(add, parts))
+        list(pool.map(work, parts))
 
 
 def predict_times(spectrum: Spectrum, time: ArrayLike, cells: ArrayLike | None = None) -> NDArray[np.float32]:
@@ -121,8 +163,10 @@ def verdict(probability: ArrayLike, confidence: ArrayLike) -> NDArray[np.uint8]:
     >>> [VERDICTS[code] for code in verdict([0.05, 0.5, 0.95], 0.9)]
     ['free', 'uncertain', 'occupied']
     """
-    p, c = np.asarray(probability), np.asarray(confidence)
-    occupied, free = np.asarray(p > c), np.asarray(p < 1 - c)
+    p, c = np.asarray(probability), np.asarray(confidence, np.float64)
+    # At the precision of p, as `state` compares.
+    precision = np.result_type(p, np.float16)
+    occupied, free = np.asarray(p > c.astype(precision)), np.asarray(p < (1 - c).astype(precision))
     uncertain = ~(occupied | free)
     return np.asarray(uncertain.view(np.uint8) * np.uint8(UNCERTAIN_VERDICT) + occupied.view(np.uint8))
 

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from app.spectral import kernels
+from app.spectral import choosing
 from app.spectral.history import History
 from app.spectral.spectrum import Spectrum, index_type, static
 from app.spectral.static import observed_mean
@@ -39,7 +39,7 @@ def fit_fft(history: History, order: int, base: TimeBase) -> Spectrum:
         return means
     bins, coefficient = _greatest(history, varying, mean, n_observed, order)
     used = np.zeros(history.n_samples // 2 + 1, np.bool_)
-    kernels.mark(bins, used)
+    choosing.mark(bins, used)
     used[0] = False
     wave = np.flatnonzero(used)
     if wave.size == 0:
@@ -72,7 +72,7 @@ def _greatest(
     for first in range(0, varying.size, n_rows):
         batch = slice(first, first + n_rows)
         rows = varying[batch]
-        kernels.unpack(history.observed, history.occupied, rows, mean, signal[: rows.size])
+        choosing.unpack(history.observed, history.occupied, rows, mean, signal[: rows.size])
         transform = scipy.fft.rfft(signal[: rows.size], axis=1)
-        kernels.greatest(transform, scale[batch], n_samples % 2 == 0, bins[batch], coefficient[batch])
+        choosing.greatest(transform, scale[batch], n_samples % 2 == 0, bins[batch], coefficient[batch])
     return bins, coefficient

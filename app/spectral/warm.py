@@ -10,7 +10,7 @@ from app.spectral.anomaly import surprising
 from app.spectral.history import History
 from app.spectral.look import order_look
 from app.spectral.model import add, reconstruct, update
-from app.spectral.prediction import predict, predict_times
+from app.spectral.prediction import Answer, predict, predict_times, write_waves
 from app.spectral.selection import choose
 from app.spectral.timebase import TimeBase
 
@@ -45,6 +45,9 @@ def warm() -> None:
         for spectrum in (model.spectrum, kept, replace(kept, time_zone="UTC")):
             predict(spectrum, 0.0)
             predict(spectrum, 0.0, [0])
+            n = spectrum.n_cells
+            answer = Answer(np.zeros(n, np.float32), np.zeros(n, np.uint8), np.zeros(n, np.uint8))
+            write_waves(spectrum, 0.0, 0.5, spectrum.cell, answer)
             predict_times(spectrum, [0.0, 1.0])
             surprising(spectrum, 0.0, np.zeros(1, np.uint32), np.zeros(1, np.uint8), 0.9)
             reconstruct(replace(model, spectrum=spectrum))

@@ -10,8 +10,9 @@ from app.storage.counters import take
 from app.storage.records import LocationRecord
 from app.storage.tables import anomaly, location
 
+# Built once: every request asks the one, and whoever reads history asks the other for every chunk.
 _BY_NAME = select(location).where(location.c.name == bindparam("name"))
-"""Built once: every request asks it."""
+_BY_ID = select(location).where(location.c.id == bindparam("id"))
 
 
 class Locations:
@@ -29,10 +30,10 @@ class Locations:
 
     def by_id(self, location_id: int) -> LocationRecord:
         """As it is now, whatever its name has become. Raises LocationNotFoundError."""
-        row = self._connection.execute(select(location).where(location.c.id == location_id)).mappings().first()
+        row = self._connection.execute(_BY_ID, {"id": location_id}).first()
         if row is None:
             raise LocationNotFoundError(f"number {location_id}")
-        return LocationRecord.of(row)
+        return LocationRecord.of(row._mapping)
 
     def list(self, after: str | None = None, limit: int | None = None) -> list[LocationRecord]:
         """In order of their names."""

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -89,6 +89,7 @@ class LocationRecord:
         return round((self.hold_s or 0) / self.interval_s) if self.missing == "hold" else None
 
 
+@lru_cache
 def grid_of(text: str | None) -> Grid | None:
     """A grid from its stored JSON."""
     if text is None:

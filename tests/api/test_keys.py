@@ -188,6 +188,27 @@ def test_the_first_key_ends_posting_without_one(tmp_path: Path) -> None:
         done(post(api, bearer(made["key"])), 201)
 
 
+def test_who_asked_just_now_may_not_ask_on_when_that_has_ended(tmp_path: Path) -> None:
+    with open_house(tmp_path) as api:
+        done(api.post("/locations", {"name": "door", **PLACE}), 201)
+        done(post(api, {}), 201)
+        api.update("door", estimator="static")
+        asked = "/locations/door/state"
+        for _ in range(2):
+            done(api.get(asked))
+        admin = bearer(done(api.post("/keys", {"name": "boss", "role": "admin"}), 201)["key"])
+        for _ in range(2):
+            problem(api.get(asked), 401, "unauthorized")
+        made = done(api.post("/keys", {"name": "brief", "role": "operator"}, headers=admin), 201)
+        robot = done(api.post("/keys", {"name": "r2", "role": "robot"}, headers=admin), 201)
+        for _ in range(2):
+            done(api.get(asked, headers=bearer(made["key"])))
+            problem(api.get(asked, headers=bearer(robot["key"])), 403, "forbidden")
+        assert api.request("DELETE", f"/keys/{made['id']}", headers=admin).status_code == 204
+        for _ in range(2):
+            problem(api.get(asked, headers=bearer(made["key"])), 401, "unauthorized")
+
+
 def test_keys_are_listed_page_by_page(tmp_path: Path) -> None:
     with open_house(tmp_path) as api:
         admin = bearer(done(api.post("/keys", {"name": "0", "role": "admin"}), 201)["key"])

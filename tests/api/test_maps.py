@@ -121,6 +121,19 @@ class TestState:
         view = done(api.get(f"/locations/{lab}/state?time={NINE}"))
         assert dense.ravel()[:3].tolist() == pytest.approx(view["probability"])
         assert np.isnan(dense.ravel()[3:]).all()
+        np.save(saved := io.BytesIO(), dense)
+        assert saved.getvalue() == answer.content
+
+    def test_npy_of_a_box_is_as_large_and_unknown_outside(self, api: Api, lab: str) -> None:
+        box, seen = "bbox=10,20,0.5,10.5,20.5,1", "observed=true"
+        whole, part, observed = (
+            np.load(io.BytesIO(api.get(f"/locations/{lab}/state?time={NINE}&{how}", headers={"Accept": NPY}).content))
+            for how in ("", box, seen)
+        )
+        inside = np.zeros((4, 3, 2), np.bool_)
+        inside[0, 0, 1] = True
+        np.testing.assert_array_equal(part, np.where(inside, whole, np.nan))
+        np.testing.assert_array_equal(observed, whole)
 
     @pytest.mark.parametrize(
         ("accept", "given"),

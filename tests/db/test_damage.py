@@ -14,7 +14,8 @@ from app.services.context import Context
 from app.services.evaluate import evaluate
 from app.services.locations import change_location, delete_location, find_location
 from app.services.model import model_of
-from app.services.predict import PredictQuery, StateQuery, predict_at, series, state_at
+from app.services.predict import PredictQuery, StateQuery, predict_at, state_at
+from app.services.series import series
 from app.services.verify import Finding, verify
 from app.storage.tables import anomaly, history, observation, spectrum
 from app.storage.work import Work

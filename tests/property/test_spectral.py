@@ -14,7 +14,17 @@ from app.spectral.look import order_look
 from app.spectral.measurements import Measurements
 from app.spectral.model import add, reconstruct, update
 from app.spectral.outliers import find_outliers
-from app.spectral.prediction import predict, predict_slow, predict_times
+from app.spectral.prediction import (
+    Answer,
+    known,
+    predict,
+    predict_slow,
+    predict_times,
+    probability,
+    state,
+    verdict,
+    write_waves,
+)
 from app.spectral.spectrum import components
 from app.spectral.timebase import TimeBase
 from app.storage.blobs import pack_measurements, unpack_measurements
@@ -83,6 +93,22 @@ def test_probabilities_are_in_0_to_1_or_never_observed(
     p = predict_times(update(history, estimator, order, BASE).spectrum, time)
     np.testing.assert_array_equal(np.isnan(p), np.repeat(~history.ever_observed()[:, None], 5, axis=1))
     assert np.all(np.isnan(p) | ((p >= 0) & (p <= 1)))
+
+
+@quick
+@given(HISTORIES, NAMES, ORDERS, st.floats(-4e9, 4e9), st.floats(0.5, 1, exclude_max=True))
+def test_what_is_written_in_place_is_what_is_predicted(
+    history: History, estimator: str, order: int, time: float, confidence: float
+) -> None:
+    spectrum = update(history, estimator, order, BASE).spectrum
+    cells = known(spectrum)
+    p = predict(spectrum, time, cells)
+    standing = probability(spectrum, spectrum.mean[cells])
+    out = Answer(standing, state(standing, confidence), verdict(standing, confidence))
+    write_waves(spectrum, time, confidence, np.searchsorted(cells, spectrum.cell).astype(np.int32), out)
+    np.testing.assert_array_equal(out.probability, p)
+    np.testing.assert_array_equal(out.state, state(p, confidence))
+    np.testing.assert_array_equal(out.verdict, verdict(p, confidence))
 
 
 @quick

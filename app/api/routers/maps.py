@@ -6,16 +6,39 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
 
+from app.api.auth import confirming
 from app.api.bodies import FormRoute
-from app.api.dependencies import Ctx, Operator, TimeQuery, query_time
-from app.api.encoding import JSON, NPY, encode_prediction, encode_series, encode_state, preferred, with_etag
+from app.api.dependencies import Asker, Ctx, Operator, TimeQuery, query_time
+from app.api.encoding import (
+    JSON,
+    NPY,
+    encode_grid,
+    encode_prediction,
+    encode_series,
+    encode_sheet,
+    encode_state,
+    preferred,
+    with_etag,
+)
 from app.errors import InvalidInputError
 from app.formats.arrow import ARROW
 from app.schemas import maps
 from app.schemas.locations import Confidence, EstimatorName
+from app.services.context import Context
 from app.services.evaluate import evaluate
 from app.services.model import model_of
-from app.services.predict import PredictQuery, StateQuery, predict_at, series, state_at
+from app.services.predict import (
+    Asked,
+    PredictQuery,
+    StateFacts,
+    StateQuery,
+    ask,
+    grid_of,
+    predict_at,
+    sheet_of,
+    view_of,
+)
+from app.services.series import series
 
 router = APIRouter(prefix="/locations/{name}", tags=["maps"], route_class=FormRoute)
 Order = Annotated[int | None, Query(ge=0, le=64, description="Default: the revision's.")]
@@ -28,11 +51,11 @@ def _answers(model: Any, *binary: str) -> dict[int | str, dict[str, Any]]:
 
 
 @router.get("/state", responses={**_answers(maps.State, ARROW, NPY), 304: {}}, response_class=Response)
-def state(
+async def state(
     name: str,
     request: Request,
     ctx: Ctx,
-    _: Operator,
+    asker: Asker,
     time: TimeQuery = None,
     confidence: Annotated[Confidence | None, Query()] = None,
     order: Order = None,
@@ -43,12 +66,23 @@ def state(
     """The state at a time, past or future, with a confidence; by default now."""
     seconds = query_time("time", time)
     query = StateQuery(ctx.clock() if seconds is None else seconds, confidence, order, estimator, _box(bbox), observed)
-    view = state_at(ctx, name, query)
-    media_type = preferred(request, (JSON, ARROW, NPY))
-    if observed:
-        return encode_state(view, media_type)
-    key = (view.location_id, view.revision, query, media_type, view.confidence, view.unavailable)
-    return with_etag(request, key, partial(encode_state, view, media_type))
+    return await confirming(request, asker, lambda: _answer(request, ctx, ask(ctx, name, query, asker.claim)))
+
+
+def _answer(request: Request, ctx: Context, asked: Asked) -> Response:
+    media_type, facts = preferred(request, (JSON, ARROW, NPY)), asked.facts()
+    encode = partial(_encode, ctx, asked, facts, media_type)
+    if asked.query.observed:
+        return encode()
+    key = (facts.location_id, facts.revision, asked.query, media_type, facts.confidence, facts.unavailable)
+    return with_etag(request, key, encode)
+
+
+def _encode(ctx: Context, asked: Asked, facts: StateFacts, media_type: str) -> Response:
+    if media_type == NPY:
+        return encode_grid(facts, grid_of(ctx, asked))
+    loan = sheet_of(ctx, asked) if media_type == ARROW else None
+    return encode_state(view_of(ctx, asked), media_type) if loan is None else encode_sheet(facts, loan)
 
 
 def _box(text: str | None) -> tuple[float, ...] | None:

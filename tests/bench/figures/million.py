@@ -10,7 +10,7 @@ import zstandard
 
 from app.services.context import Context
 from app.services.locations import find_location
-from app.services.predict import series
+from app.services.series import series
 from app.services.spectra import fitted
 from app.services.update import UpdateRequest, run_update
 from app.storage.codec import HEADERS

@@ -22,7 +22,7 @@ from tests.support.server import ServerProcess
 
 NAME, SHAPE, EVERY, ORDER, WEEK_S = "hall", (200, 200, 25), 10, 15, 604_800.0
 ENVIRONMENT = {"TIDEMAP_UPDATER": "false", "TIDEMAP_VIEWER": "false", "TIDEMAP_LOG_LEVEL": "warning"}
-QUESTIONS, ROUNDS = 20, 5
+QUESTIONS, ROUNDS = 100, 5
 
 
 def measure(shape: tuple[int, ...] = SHAPE, questions: int = QUESTIONS) -> Figure:

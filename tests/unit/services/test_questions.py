@@ -9,7 +9,8 @@ from app.errors import CellNotFoundError, InvalidInputError, LocationNotFoundErr
 from app.schemas.locations import LocationPatch
 from app.services.context import Context
 from app.services.locations import change_location
-from app.services.predict import PredictQuery, StateQuery, predict_at, series, state_at
+from app.services.predict import PredictQuery, StateQuery, predict_at, state_at
+from app.services.series import series
 from app.services.spectra import fitted
 from app.spectral.prediction import predict_slow
 from tests.support.contexts import compact_now, make_location, post_rows, post_states, refit

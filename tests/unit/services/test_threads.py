@@ -10,7 +10,8 @@ from app.errors import TidemapError
 from app.services.anomalies import DetectQuery, EventQuery, detect, list_events
 from app.services.context import Context
 from app.services.locations import get_location, list_locations
-from app.services.predict import PredictQuery, StateQuery, predict_at, series, state_at
+from app.services.predict import PredictQuery, StateQuery, predict_at, state_at
+from app.services.series import series
 from app.spectral.history import UNOBSERVED
 from tests.support.contexts import compact_now, history_of, make_location, opened, post_rows, refit
 

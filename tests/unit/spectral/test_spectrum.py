@@ -1,18 +1,31 @@
 """Spectrum, civil time and prediction: the shape, and every fast path against the direct sum."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from datetime import datetime
+from typing import ClassVar
 from zoneinfo import ZoneInfo
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from app.spectral import prediction, reconstruction
 from app.spectral.bits import WORD
 from app.spectral.civil import civil_seconds
 from app.spectral.estimators import fit
 from app.spectral.history import History
-from app.spectral.prediction import entropy, predict, predict_slow, predict_times, state, verdict
+from app.spectral.prediction import (
+    Answer,
+    entropy,
+    predict,
+    predict_slow,
+    predict_times,
+    probability,
+    state,
+    verdict,
+    write_waves,
+)
 from app.spectral.spectrum import Spectrum, components, concatenate, select, truncate
 from app.spectral.timebase import TimeBase
 
@@ -67,9 +80,46 @@ def test_small_tables_change_nothing(model: Spectrum, monkeypatch: pytest.Monkey
     np.testing.assert_array_equal(reconstruction.predicted_words(model, BASE, 0, 900), whole[1])
 
 
-def test_threads_change_nothing() -> None:
+def test_threads_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     model = spectrum()
-    np.testing.assert_array_equal(predict(model, 1.7e9), predict(model, 1.7e9, threads=3))
+    alone = predict(model, 1.7e9), written(model, 1.7e9, 0.8)
+    monkeypatch.setattr(prediction, "WORTHWHILE", 1)
+    monkeypatch.setattr(prediction, "BLOCK", 5)
+    monkeypatch.setattr(prediction, "ThreadPoolExecutor", ManyThreads)
+    np.testing.assert_array_equal(predict(model, 1.7e9, threads=3), alone[0])
+    for apart, together in zip(written(model, 1.7e9, 0.8, threads=3), alone[1], strict=True):
+        np.testing.assert_array_equal(apart, together)
+    assert ManyThreads.started == [3, 3]
+
+
+class ManyThreads(ThreadPoolExecutor):
+    """Remembers how many threads were asked for."""
+
+    started: ClassVar[list[int]] = []
+
+    def __init__(self, max_workers: int) -> None:
+        super().__init__(max_workers)
+        self.started.append(max_workers)
+
+
+def written(
+    model: Spectrum, time: float, confidence: float, threads: int = 1
+) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.uint8]]:
+    """What `write_waves` writes of all cells, beginning with what holds at all times."""
+    standing = probability(model, model.mean.copy())
+    out = Answer(standing, state(standing, confidence), verdict(standing, confidence))
+    write_waves(model, time, confidence, model.cell, out, threads)
+    return out.probability, out.state, out.verdict
+
+
+@pytest.mark.parametrize("model", [spectrum(), calendar(), calendar("identity")])
+def test_what_is_written_is_what_is_predicted(model: Spectrum) -> None:
+    for time in BASE.time(np.arange(-700, 1500, 70)):
+        p = predict(model, time)
+        for confidence in (0.5, 0.7, 0.75, 0.9, float(p[7]), float(1 - p[9])):
+            told = written(model, time, confidence)
+            for mine, plain in zip(told, (p, state(p, confidence), verdict(p, confidence)), strict=True):
+                np.testing.assert_array_equal(mine, plain)
 
 
 def test_cells_without_waves() -> None:
@@ -133,6 +183,10 @@ def test_state_verdict_and_entropy() -> None:
     assert state(p, 0.5).tolist() == [0, 0, 1, 1, 0]
     assert verdict(p, 0.955).tolist() == [0, 2, 2, 1, 2]
     assert verdict(0.5, 0.5) == 2, "on the limit nothing is certain"
+    limit = np.array([0.6], np.float32)
+    assert limit > np.float64(0.6), "it is rounded up"
+    assert (state(limit, 0.6), verdict(limit, 0.6)) == (0, 2), "and still not exceeded by itself"
+    assert verdict([0, 1], 0.9).tolist() == [0, 1]
     assert entropy(p)[:2].tolist() == [0, 1]
     assert np.isnan(entropy(p)[4])
 

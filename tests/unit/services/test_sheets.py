@@ -1,0 +1,157 @@
+"""Sheets: what is written again and again is, byte for byte, what would be sent if it were made anew."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from app.formats.arrow import encode_table, labels
+from app.schemas.locations import LocationPatch
+from app.services.context import Context
+from app.services.locations import change_location
+from app.services.predict import StateQuery, StateView, ask, sheet_of, state_at
+from app.services.sheets import MapSheet
+from app.spectral import kernels
+from app.spectral.prediction import VERDICTS
+from app.spectral.spectrum import Spectrum, blank
+from app.spectral.warm import warm
+from tests.support.contexts import make_location, opened, post_rows, refit
+
+FACTS = {"time": "2026-03-02T09:30:00Z", "revision": 3}
+
+
+def rhythmic_lab(ctx: Context) -> None:
+    """A grid of two chunks; a few cells are occupied in the first half of every twenty minutes, one always."""
+    make_location(ctx, "lab", (40, 40), confidence=0.8)
+    rows = [(60.0 * n, cell, int(n % 20 < 10)) for n in range(200) for cell in (3, 700, 1030)]
+    post_rows(ctx, "lab", rows + [(60.0 * n, 1599, 1) for n in range(200)])
+    refit(ctx, "lab", estimator="fft", order=2)
+
+
+def as_sent(ctx: Context, query: StateQuery) -> bytes:
+    """The answer of a sheet, whole."""
+    loan = sheet_of(ctx, ask(ctx, "lab", query))
+    assert loan is not None
+    return loan.value.arrow.head(FACTS) + loan.memory.tobytes()
+
+
+def made_anew(view: StateView) -> bytes:
+    columns: dict[str, Any] = {
+        "cell": view.cell.astype(np.uint32),
+        "probability": view.probability,
+        "state": view.state,
+        "verdict": labels(view.verdict, VERDICTS),
+    }
+    return bytes(encode_table(columns, FACTS))
+
+
+@pytest.mark.parametrize("how", [{}, {"confidence": 0.55}, {"order": 1}, {"estimator": "static"}])
+def test_a_sheet_is_what_would_be_made_anew(ctx: Context, how: dict[str, Any]) -> None:
+    rhythmic_lab(ctx)
+    for n in (1003, 1013, 1003, 4):
+        query = StateQuery(60.0 * n, **how)
+        assert as_sent(ctx, query) == made_anew(state_at(ctx, "lab", query))
+
+
+def test_a_new_revision_or_confidence_is_a_new_sheet(ctx: Context) -> None:
+    rhythmic_lab(ctx)
+    query = StateQuery(60.0 * 1003)
+    before = as_sent(ctx, query)
+    change_location(ctx, "lab", LocationPatch(confidence=0.51))
+    assert as_sent(ctx, query) == made_anew(state_at(ctx, "lab", query))
+    post_rows(ctx, "lab", [(60.0 * n, cell, 1) for n in range(200, 260) for cell in (5, 1599)])
+    refit(ctx, "lab", estimator="fft", order=3)
+    after = as_sent(ctx, query)
+    assert after == made_anew(state_at(ctx, "lab", query)) != before
+
+
+def test_only_what_has_waves_is_written_again(ctx: Context) -> None:
+    rhythmic_lab(ctx)
+    asked = ask(ctx, "lab", StateQuery(60.0 * 1003))
+    first = sheet_of(ctx, asked)
+    assert first is not None
+    sheet = first.value
+    del first
+    sheet.arrow.columns["probability"][:] = 9
+    second = sheet_of(ctx, asked)
+    assert second is not None
+    assert second.value is sheet
+    assert (sheet.arrow.columns["probability"] == 9).tolist() == [False, False, False, True]
+
+
+def test_once_warm_no_question_compiles_anything(ctx: Context) -> None:
+    warm()
+    compiled: Any = (kernels.values, kernels.tell, kernels.turns)
+    before = [len(each.signatures) for each in compiled]
+    rhythmic_lab(ctx)
+    for how in ({}, {"order": 1}, {"estimator": "calendar"}, {"estimator": "static"}):
+        as_sent(ctx, StateQuery(60.0 * 1003, **how))
+    refit(ctx, "lab", estimator="calendar")
+    as_sent(ctx, StateQuery(60.0 * 1003))
+    assert [len(each.signatures) for each in compiled] == before
+
+
+def test_boxes_and_what_was_seen_are_no_matter_for_sheets(ctx: Context) -> None:
+    rhythmic_lab(ctx)
+    for query in (StateQuery(0.0, bbox=(0.0,) * 6), StateQuery(0.0, observed=True)):
+        assert sheet_of(ctx, ask(ctx, "lab", query)) is None
+
+
+def test_a_map_of_which_nothing_was_seen() -> None:
+    nothing = blank(some_spectrum(), 5)
+    sheet = MapSheet.of(nothing, 0.9)
+    sheet.write(nothing, 0.0, threads=1)
+    with pa.ipc.open_stream(sheet.arrow.head(FACTS) + sheet.memory.tobytes()) as reader:
+        table = reader.read_all()
+    assert (table.num_rows, table.column_names) == (0, ["cell", "probability", "state", "verdict"])
+
+
+def test_waves_of_cells_that_were_never_seen_say_nothing() -> None:
+    spectrum = some_spectrum()
+    mean = spectrum.mean.copy()
+    mean[[0, 2]] = np.nan
+    hidden = replace(spectrum, mean=mean)
+    sheet = MapSheet.of(hidden, 0.6)
+    sheet.write(hidden, 1e6, threads=1)
+    whole = MapSheet.of(spectrum, 0.6)
+    whole.write(spectrum, 1e6, threads=1)
+    assert sheet.arrow.columns["cell"].tolist() == [1, 3]
+    for name in ("probability", "state", "verdict"):
+        np.testing.assert_array_equal(sheet.arrow.columns[name], whole.arrow.columns[name][[1, 3]])
+
+
+def some_spectrum() -> Spectrum:
+    """Four cells, the first and the last two with waves."""
+    return Spectrum(
+        link="identity",
+        origin_s=0.0,
+        time_zone=None,
+        frequency_hz=np.array([1e-4, 3e-5]),
+        gate=np.zeros(2, np.uint8),
+        mean=np.array([0.5, 0.2, 0.7, 0.4], np.float32),
+        cell=np.array([0, 2, 3], np.int32),
+        index=np.array([[0, 1], [1, 0], [0, 1]], np.uint16),
+        coefficient=np.full((3, 2), 0.1 + 0.1j, np.complex64),
+    )
+
+
+@pytest.mark.parametrize("kept_bytes", [64 * 2**20, 0])
+def test_concurrent_questions_never_share_a_sheet(sqlite_url: str, kept_bytes: int) -> None:
+    with opened(sqlite_url, answer_cache_bytes=kept_bytes) as ctx:
+        rhythmic_lab(ctx)
+        expected = {n: made_anew(state_at(ctx, "lab", StateQuery(60.0 * n))) for n in range(1000, 1020)}
+        assert len(set(expected.values())) > 5
+
+        def check(number: int) -> None:
+            n = 1000 + number % 20
+            asked = ask(ctx, "lab", StateQuery(60.0 * n))
+            loans = [sheet_of(ctx, asked), sheet_of(ctx, replace(asked, query=StateQuery(60.0 * 1000)))]
+            for loan, time in zip(loans, (n, 1000), strict=True):
+                assert loan is not None
+                assert loan.value.arrow.head(FACTS) + loan.memory.tobytes() == expected[time]
+
+        with ThreadPoolExecutor(8) as pool:
+            list(pool.map(check, range(400)))
