@@ -37,14 +37,26 @@ MARGINS = (1.0, 1.002)
 """A higher order has to lower the log loss by this factor: of few cells it costs nothing."""
 
 WEEKS: dict[Week, float] = {"day": 0.0, "weekend": 0.0, "week": 0.5, "days": 0.0}
-DETAILS: dict[Detail, float] = {"smooth": 0.0, "sharp": -1.0}
-SHARP_EVIDENCE = 1.0
-"""Sharp edges that differ by weekday are seen with much evidence only, and where weekdays come twice."""
+DETAILS: tuple[Detail, ...] = ("smooth", "sharp")
+SHARP_EVIDENCE: dict[Week, tuple[float, float]] = {
+    "day": (0.25, 4.0),
+    "weekend": (0.25, 4.0),
+    "week": (1.0, 4.0),
+    "days": (1.0, 4.0),
+}
+"""Least and most evidence under which sharp edges are tried: less blurs them, more takes chance for edges."""
+SEEN_ONCE: tuple[tuple[Week, Detail], ...] = (
+    ("day", "smooth"),
+    ("day", "sharp"),
+    ("weekend", "smooth"),
+    ("week", "smooth"),
+)
+"""What is tried where no weekday comes twice: what sets single days apart is then hardly told from chance."""
 EVIDENCE = (16.0, 4.0, 1.0, 0.25, 0.0625)
 EVIDENCE_SLOPE = (-0.14, 0.33)
 """Belief in more evidence, for every factor e: where visits are close, and what is added for every factor e of
 their distance."""
-HALF_LIVES = (math.inf, 28.0, 7.0)
+HALF_LIVES = (math.inf, 7.0)
 
 
 def grid(interval_s: float, n_cells: int, n_days: int) -> tuple[list[Prior], NDArray[np.float64]]:
@@ -55,12 +67,13 @@ def grid(interval_s: float, n_cells: int, n_days: int) -> tuple[list[Prior], NDA
         for week in WEEKS
         for detail in DETAILS
         for evidence in EVIDENCE
-        if detail == "smooth" or (n_days >= SHORT_DAYS and evidence >= SHARP_EVIDENCE and week in ("week", "days"))
+        if (detail == "smooth" or SHARP_EVIDENCE[week][0] <= evidence <= SHARP_EVIDENCE[week][1])
+        and (n_days >= SHORT_DAYS or (week, detail) in SEEN_ONCE)
     ]
     if n_cells > FEW_CELLS:
         tried = [each for each in tried if each[0] != "days" and each[1] == "smooth" and each[2] <= DEAR_EVIDENCE]
     belief = {
-        Prior(week, detail, evidence, life): WEEKS[week] + DETAILS[detail] + slope * math.log(evidence)
+        Prior(week, detail, evidence, life): WEEKS[week] + slope * math.log(evidence)
         for week, detail, evidence in tried
         for life in HALF_LIVES
     }
