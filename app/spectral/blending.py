@@ -41,10 +41,10 @@ DETAILS: tuple[Detail, ...] = ("smooth", "sharp")
 SHARP_EVIDENCE: dict[Week, tuple[float, float]] = {
     "day": (0.25, 4.0),
     "weekend": (0.25, 4.0),
-    "week": (1.0, 4.0),
-    "days": (1.0, 4.0),
+    "week": (1.0, 16.0),
+    "days": (1.0, 16.0),
 }
-"""Least and most evidence under which sharp edges are tried: less blurs them, more takes chance for edges."""
+"""Least and most evidence under which sharp edges are tried; those of single weekdays are seen with much only."""
 SEEN_ONCE: tuple[tuple[Week, Detail], ...] = (
     ("day", "smooth"),
     ("day", "sharp"),
