@@ -57,6 +57,16 @@ def fit_rows(
     return out
 
 
+def evaluate(design: Matrix, beta: Matrix) -> Matrix:
+    """The logits (n_rows, n_slots) of coefficients; no row depends on its batch."""
+    single_threaded()
+    transposed, out = design.T, np.empty((beta.shape[0], design.shape[0]), np.float32)
+    for first in range(0, beta.shape[0], ROWS):
+        part = beta[first : first + ROWS]
+        out[first : first + ROWS] = (_filled(part) @ transposed)[: part.shape[0]]
+    return out
+
+
 def base_logit(seen: Matrix, full: Matrix) -> Vector:
     """The logit of the share of visits that were occupied, half a visit of each kind added, (n_rows,)."""
     n_seen, n_full = seen.sum(axis=1), full.sum(axis=1)
@@ -87,7 +97,7 @@ def _ascend(
     level = seen.sum(axis=1, keepdims=True) * share * (1 - share)
     scale = kept / np.maximum(penalty + level * square, np.float32(1e-6))
     eta = centre + beta @ transposed
-    residual, curvature = _response(eta, seen, full)
+    residual, curvature = response(eta, seen, full)
     step, before, drop = np.zeros_like(beta), np.zeros_like(beta), np.ones(ROWS, np.float32)
     for _ in range(STEPS):
         gradient = residual @ design - penalty * beta
@@ -108,7 +118,7 @@ def _ascend(
         pull, stiff = _dot(weighed, beta), _dot(weighed, step)
         for _ in range(6):
             ahead_eta = eta + length[:, np.newaxis] * move
-            residual, curvature = _response(ahead_eta, seen, full)
+            residual, curvature = response(ahead_eta, seen, full)
             left = _dot(residual, move) - pull - length * stiff
             over = running & (left < OVERSHOT * slope)
             if not over.any():
@@ -121,7 +131,7 @@ def _ascend(
     return beta
 
 
-def _response(eta: Matrix, seen: Matrix, full: Matrix) -> tuple[Matrix, Matrix]:
+def response(eta: Matrix, seen: Matrix, full: Matrix) -> tuple[Matrix, Matrix]:
     """full - seen · p and seen · p (1 - p)."""
     residual, curvature = np.empty_like(eta), np.empty_like(eta)
     _respond(eta.ravel(), seen.ravel(), full.ravel(), residual.ravel(), curvature.ravel())

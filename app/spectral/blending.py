@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.spectral import folding, waves
-from app.spectral.ascent import fit_rows
+from app.spectral import folding, level, waves
+from app.spectral.ascent import evaluate, fit_rows
 from app.spectral.calendar import fit_calendar, kept_columns, kinds
 from app.spectral.folding import Weeks
 from app.spectral.periods import find_period
@@ -37,14 +37,32 @@ MARGINS = (1.0, 1.002)
 """A higher order has to lower the log loss by this factor: of few cells it costs nothing."""
 
 WEEKS: dict[Week, float] = {"day": 0.0, "weekend": 0.0, "week": 0.5, "days": 0.0}
-DETAILS: dict[Detail, float] = {"smooth": 0.0, "sharp": -1.0}
-SHARP_EVIDENCE = 1.0
-"""Sharp edges that differ by weekday are seen with much evidence only, and where weekdays come twice."""
+DETAILS: tuple[Detail, ...] = ("smooth", "sharp")
+SHARP_EVIDENCE: dict[Week, tuple[float, float]] = {
+    "day": (0.25, 4.0),
+    "weekend": (0.25, 4.0),
+    "week": (1.0, 16.0),
+    "days": (1.0, 16.0),
+}
+"""Least and most evidence under which sharp edges are tried; those of single weekdays are seen with much only."""
+SEEN_ONCE: tuple[tuple[Week, Detail], ...] = (
+    ("day", "smooth"),
+    ("day", "sharp"),
+    ("weekend", "smooth"),
+    ("week", "smooth"),
+)
+"""What is tried where no weekday comes twice: what sets single days apart is then hardly told from chance."""
 EVIDENCE = (16.0, 4.0, 1.0, 0.25, 0.0625)
 EVIDENCE_SLOPE = (-0.14, 0.33)
 """Belief in more evidence, for every factor e: where visits are close, and what is added for every factor e of
 their distance."""
-HALF_LIVES = (math.inf, 28.0, 7.0)
+HALF_LIVES = (math.inf, 7.0)
+SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
+"""Shares of the last day's departure that may be followed, all believed alike beforehand."""
+FOLLOWED = 8.0
+"""How much more than `trust` a nat counts in that: one number is chosen, not a whole rhythm."""
+DOUBT = 0.4
+"""Standard deviation of the level of a week, on the logit scale."""
 
 
 def grid(interval_s: float, n_cells: int, n_days: int) -> tuple[list[Prior], NDArray[np.float64]]:
@@ -55,12 +73,13 @@ def grid(interval_s: float, n_cells: int, n_days: int) -> tuple[list[Prior], NDA
         for week in WEEKS
         for detail in DETAILS
         for evidence in EVIDENCE
-        if detail == "smooth" or (n_days >= SHORT_DAYS and evidence >= SHARP_EVIDENCE and week in ("week", "days"))
+        if (detail == "smooth" or SHARP_EVIDENCE[week][0] <= evidence <= SHARP_EVIDENCE[week][1])
+        and (n_days >= SHORT_DAYS or (week, detail) in SEEN_ONCE)
     ]
     if n_cells > FEW_CELLS:
         tried = [each for each in tried if each[0] != "days" and each[1] == "smooth" and each[2] <= DEAR_EVIDENCE]
     belief = {
-        Prior(week, detail, evidence, life): WEEKS[week] + DETAILS[detail] + slope * math.log(evidence)
+        Prior(week, detail, evidence, life): WEEKS[week] + slope * math.log(evidence)
         for week, detail, evidence in tried
         for life in HALF_LIVES
     }
@@ -82,6 +101,8 @@ class Blend:
     design: NDArray[np.float32]
     truth: Weeks
     period_s: float | None = None
+    follow: float = 0.0
+    doubt: float = 0.0
 
     @property
     def loss(self) -> float:
@@ -104,7 +125,7 @@ def blend(task: Task) -> Blend:
     chosen, weight = _weights(trust(task) * loss, belief, task.history.n_cells)
     members = tuple(replace(priors[i], weight=float(w)) for i, w in zip(chosen, weight, strict=True))
     average = np.einsum("p,ptcx->tcx", weight.astype(np.float32), beta[chosen])
-    return _with_period(task, Blend(members, len(priors), average, design, task.truth))
+    return _with_period(task, _levelled(task, Blend(members, len(priors), average, design, task.truth)))
 
 
 def _with_period(task: Task, mixed: Blend) -> Blend:
@@ -116,8 +137,29 @@ def _with_period(task: Task, mixed: Blend) -> Blend:
     split, design = task.phased(period_s), waves.design(folding.slot_offset_s(task.base), True)
     weight = np.array([prior.weight for prior in mixed.priors], np.float32)
     average = np.einsum("p,ptcx->tcx", weight, _fits(split, mixed.priors, design))
-    other = replace(mixed, beta=average, design=design, truth=split.truth, period_s=period_s)
+    other = _levelled(split, replace(mixed, beta=average, design=design, truth=split.truth, period_s=period_s))
     return other if trust(task) * (mixed.loss - other.loss) > PERIOD_BELIEF else mixed
+
+
+def _levelled(task: Task, mixed: Blend) -> Blend:
+    """The same with the share of the last day's departure that predicted well, and with doubt of every level."""
+    beta, latest = mixed.beta.copy(), _past(task, [level.HALF_LIFE_DAYS])
+    rows = evaluate(mixed.design, beta.reshape(-1, beta.shape[-1]))
+    seen, full = (each.reshape(rows.shape) for each in (latest.seen, latest.full))
+    apart = level.departures(rows, seen, full).reshape(*beta.shape[:2], 1)
+    eta = rows.reshape(task.truth.seen.shape)
+    follow = _share([losses(_logistic(eta + share * apart), task.truth).sum() for share in SHARES], task)
+    beta[..., :1] += follow * apart
+    days = np.array([[[trial.learned(task.visits.n_days).sum()]] for trial in task.trials])
+    return replace(mixed, beta=beta * level.caution(DOUBT, days), follow=follow, doubt=DOUBT)
+
+
+def _share(loss: Sequence[float], task: Task) -> float:
+    """The average share, weighed as settings are; days left out tell nothing of days to come."""
+    if task.trials[0].around:
+        return float(np.mean(SHARES))
+    weight = np.exp(-FOLLOWED * trust(task) * (np.array(loss) - min(loss)))
+    return round(float(weight @ SHARES / weight.sum()), 2)
 
 
 def trust(task: Task) -> float:

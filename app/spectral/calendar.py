@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from app.spectral import folding, waves
-from app.spectral.ascent import fit_rows
+from app.spectral import folding, level, waves
+from app.spectral.ascent import evaluate, fit_rows
 from app.spectral.folding import Visits
 from app.spectral.history import History
 from app.spectral.recipe import Prior, Recipe
@@ -64,16 +64,19 @@ def fit_cells(
     history: History, rows: NDArray[np.int64], seen: Visits, recipe: Recipe, base: TimeBase
 ) -> NDArray[np.float32]:
     """Coefficients (n_rows, 1 + 2 N_WAVES) of some cells: of each at most `order` waves are not 0."""
-    lives = sorted({prior.half_life_days for prior in recipe.priors})
+    latest = {level.HALF_LIFE_DAYS} if recipe.follow else set()
+    lives = sorted(latest | {prior.half_life_days for prior in recipe.priors})
     weight = np.stack([folding.recency(seen.n_days, life) for life in lives])
     weeks = folding.fold(history, rows, seen, weight)
     by_life = {life: (weeks.seen[i], weeks.full[i]) for i, life in enumerate(lives)}
     design = waves.design(folding.slot_offset_s(base), seen.phase is not None)
     beta = blend_fits(design, by_life, recipe.priors, None)
-    if recipe.order >= waves.N_WAVES:
-        return beta
-    kept = kept_columns(beta, recipe.order)
-    return blend_fits(design, by_life, recipe.priors, kept) if recipe.order < REFIT_BELOW else beta * kept
+    if recipe.order < waves.N_WAVES:
+        kept = kept_columns(beta, recipe.order)
+        beta = blend_fits(design, by_life, recipe.priors, kept) if recipe.order < REFIT_BELOW else beta * kept
+    if recipe.follow:
+        beta[:, 0] += recipe.follow * level.departures(evaluate(design, beta), *by_life[level.HALF_LIFE_DAYS])
+    return beta * level.caution(recipe.doubt, folding.days_seen(history, rows, seen))[:, np.newaxis]
 
 
 def blend_fits(

@@ -104,6 +104,14 @@ def fold(history: History, rows: NDArray[np.int64], seen: Visits, weight: NDArra
     return Weeks(weeks.seen * scale[:, np.newaxis], weeks.full * scale[:, np.newaxis])
 
 
+def days_seen(history: History, rows: NDArray[np.int64], seen: Visits) -> NDArray[np.int64]:
+    """On how many civil days each cell was observed, (n_rows,)."""
+    end = np.append(np.flatnonzero(np.diff(seen.day)) + 1, seen.day.size)
+    days = np.zeros(rows.size, np.int64)
+    _count_days(history.observed, rows, seen.stop[end - 1].astype(np.uint64), days)
+    return days
+
+
 def recency(now: int, half_life_days: float, n_days: int | None = None) -> NDArray[np.float32]:
     """The weight of every day, (n_days,), by default `now`: the last before `now` counts 1, one half_life_days
     before it a half; later ones, which do not know better, also 1."""
@@ -134,6 +142,16 @@ def _rank(plane: Plane, cell: int, stop: Words, word: Words, before: Words, rank
         at = stop[visit] >> SIX
         below = (ONE << (stop[visit] & LAST)) - ONE
         rank[visit + 1] = np.int32(before[at] + np.uint64(ones(word[at] & below)))
+
+
+@kernel
+def _count_days(observed: Plane, row: NDArray[np.int64], stop: Words, days: NDArray[np.int64]) -> None:
+    word = np.empty(observed.shape[1] // 8 + 2, np.uint64)
+    before, rank = np.empty(word.size, np.uint64), np.empty(stop.size + 1, np.int32)
+    for i in range(row.size):
+        _rank(observed, row[i], stop, word, before, rank)
+        for day in range(stop.size):
+            days[i] += rank[day + 1] > rank[day]
 
 
 @fused_kernel

@@ -38,10 +38,12 @@ PRIORS: Final = (Prior(), Prior(week="week"))
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """Estimator and order; time_zone (IANA), priors and period_s are for `calendar`.
+    """Estimator and order; time_zone (IANA) and all below are for `calendar`.
 
     The logits of several priors are averaged. period_s: a period that is no part of a week, in
-    seconds. ValueError on a negative order.
+    seconds. follow: the share of the last day's departure from the rhythm that is kept for what
+    comes; doubt: how far, on the logit scale, a week may be off where one was seen: see `level`.
+    ValueError on a negative order.
     """
 
     estimator: str
@@ -49,6 +51,8 @@ class Recipe:
     time_zone: str = "UTC"
     priors: tuple[Prior, ...] = PRIORS
     period_s: float | None = None
+    follow: float = 0.0
+    doubt: float = 0.0
 
     def __post_init__(self) -> None:
         if self.order < 0:

@@ -54,11 +54,13 @@ class Selection:
     time_zone: str = "UTC"
     priors: tuple[Prior, ...] = PRIORS
     period_s: float | None = None
+    follow: float = 0.0
+    doubt: float = 0.0
 
     @property
     def recipe(self) -> Recipe:
         """What to fit all cells by."""
-        return Recipe(self.estimator, self.order, self.time_zone, self.priors, self.period_s)
+        return Recipe(self.estimator, self.order, self.time_zone, self.priors, self.period_s, self.follow, self.doubt)
 
 
 def choose(
@@ -177,7 +179,14 @@ def _decide(
     if mixed is None or best.estimator != "calendar":
         return found
     reason = found.reason + _settings(mixed)
-    return replace(found, reason=reason, priors=mixed.priors, period_s=mixed.period_s)
+    return replace(
+        found,
+        reason=reason,
+        priors=mixed.priors,
+        period_s=mixed.period_s,
+        follow=mixed.follow,
+        doubt=mixed.doubt,
+    )
 
 
 def _belief(row: Row) -> float:
@@ -199,5 +208,6 @@ def _settings(mixed: Blend) -> str:
     period = "" if mixed.period_s is None else f", with a period of {mixed.period_s / 3600:.3g} hours"
     return (
         f"; it averages {len(mixed.priors)} of {mixed.tried} settings, the first by {first.week}, "
-        f"{first.detail}, evidence {first.evidence:g}, {life}{period}"
+        f"{first.detail}, evidence {first.evidence:g}, {life}{period}; {mixed.follow:.0%} of the last day's "
+        "departure is kept"
     )

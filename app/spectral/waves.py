@@ -16,7 +16,7 @@ SLOTS_A_DAY: Final = 96
 SLOTS: Final = 672
 """Quarters of an hour in a civil week: what histories are folded into."""
 
-DAY_HARMONICS: Final = 24
+DAY_HARMONICS: Final = 48
 WEEKEND_HARMONICS: Final = 8
 WEEK_HARMONICS: Final = 12
 """Daily harmonics that differ by weekday, each as its three neighbours on either side, 7k ± 1, 2, 3 cycles a week:
@@ -37,7 +37,7 @@ DIFFERENCE: Final[dict[Week, tuple[float, float]]] = {
 }
 """How much weekends, and single weekdays, may differ, as a share of SCALE."""
 
-DECAY: Final[dict[Detail, tuple[float, float]]] = {"smooth": (2.0, 2.0), "sharp": (8.0, 1.5)}
+DECAY: Final[dict[Detail, tuple[float, float]]] = {"smooth": (2.0, 2.0), "sharp": (16.0, 1.5)}
 """k0 and ν: the variance of harmonic k of the day is proportional to (1 + (k / k0)²)^-ν."""
 
 _DAILY = np.arange(1, DAY_HARMONICS + 1)

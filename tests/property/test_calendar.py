@@ -1,5 +1,7 @@
 """What must hold of `calendar` for any history."""
 
+from dataclasses import replace
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -33,6 +35,8 @@ RECIPES = st.builds(
     time_zone=st.sampled_from(["UTC", "Europe/Amsterdam", "Asia/Kathmandu", "America/St_Johns"]),
     priors=st.lists(PRIORS, min_size=1, max_size=2).map(tuple),
     period_s=st.sampled_from([None, 36 * 3600.0]),
+    follow=st.sampled_from([0.0, 0.5, 1.0]),
+    doubt=st.sampled_from([0.0, 0.6]),
 )
 quick = settings(max_examples=40, deadline=None)
 
@@ -67,10 +71,10 @@ def test_unobserved_samples_may_be_left_out(history: History, recipe: Recipe, mo
 
 
 @quick
-@given(HISTORIES, PRIORS, st.integers(-20, 20))
-def test_whole_weeks_change_nothing(history: History, prior: Prior, weeks: int) -> None:
+@given(HISTORIES, RECIPES, st.integers(-20, 20))
+def test_whole_weeks_change_nothing(history: History, recipe: Recipe, weeks: int) -> None:
     later = History(history.start + weeks * WEEK, history.n_samples, history.observed, history.occupied)
-    recipe = Recipe("calendar", 12, "UTC", (prior,))
+    recipe = replace(recipe, order=12, time_zone="UTC", period_s=None)
     one, other = (fit_recipe(each, recipe, BASE) for each in (history, later))
     np.testing.assert_array_equal(one.mean, other.mean)
     np.testing.assert_array_equal(one.coefficient, other.coefficient)

@@ -138,6 +138,22 @@ def test_folding_counts_what_was_observed(interval_s: float) -> None:
             np.testing.assert_allclose(weeks.full[row, cell], full, rtol=2e-5, atol=1e-5)
 
 
+@pytest.mark.parametrize("interval_s", [7.0, 300.0, 3600.0])
+def test_days_on_which_a_cell_was_seen_are_counted(interval_s: float) -> None:
+    base = TimeBase(SPRING + 1234.5, interval_s)
+    random = np.random.default_rng(6)
+    states = random.integers(0, 2, (5, int(9.3 * 86_400 / interval_s))).astype(np.uint8)
+    states[random.random(states.shape) < 0.3] = 2
+    states[1, : states.shape[1] // 2], states[2, 1:], states[3, :-1], states[4] = 2, 2, 2, 2
+    states[2, 0] = states[3, -1] = 1
+    history = History.from_states(states, start=-77)
+    seen = folding.visits(history.start, history.stop, base, LONDON)
+    day = civil_seconds(base.time(np.arange(history.start, history.stop)), LONDON) // 86_400
+    expected = [np.unique(day[row != 2]).size for row in states]
+    np.testing.assert_array_equal(folding.days_seen(history, np.arange(5), seen), expected)
+    np.testing.assert_array_equal(folding.days_seen(history, np.array([3, 1]), seen), [expected[3], expected[1]])
+
+
 def test_a_daily_rhythm_stays_on_the_clock_over_the_change_to_summer_time() -> None:
     history = working_hours(28)
     past = history.window(0, 20 * DAY)
@@ -259,9 +275,11 @@ def test_a_spectrum_of_calendar_has_its_words_by_the_week() -> None:
 
 
 def test_recipes_come_back_from_json() -> None:
-    recipe = Recipe("calendar", 12, LONDON, (*PRIORS, Prior(half_life_days=math.inf)), 129_600.0)
+    recipe = Recipe("calendar", 12, LONDON, (*PRIORS, Prior(half_life_days=math.inf)), 129_600.0, 0.75, 0.4)
     again = Recipe.from_dict(json.loads(json.dumps(recipe.as_dict())))
     assert (again, hash(again)) == (recipe, hash(recipe))
+    older = {name: value for name, value in Recipe("calendar").as_dict().items() if name not in ("follow", "doubt")}
+    assert Recipe.from_dict(older) == Recipe("calendar"), "as stored before levels were followed"
     for wrong in ({"evidence": 0.0}, {"half_life_days": -1.0}, {"weight": math.inf}):
         with pytest.raises(ValueError, match="positive"):
             Prior(**wrong)

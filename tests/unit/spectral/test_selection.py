@@ -83,6 +83,20 @@ def test_auto_follows_a_change_of_regime() -> None:
     assert score(p, states[:, 56 * DAY :]).log_loss < 0.5
 
 
+@pytest.mark.parametrize(("weeks", "bound"), [(1, 1.25), (4, 1.1)])
+def test_auto_follows_a_timetable(weeks: int, bound: float) -> None:
+    """Any quarters of an hour, the same every day: hardly worse than the best histogram of such bins."""
+    base, first = TimeBase(real.MONDAY, 900.0), weeks * 672
+    random = np.random.default_rng(8)
+    due = np.tile(random.random(96) < 0.3, 7 * (weeks + 1))
+    states = (due ^ (random.random(due.size) < 0.1)).astype(np.uint8)
+    past, ahead = History.from_states(states[np.newaxis, :first]), np.arange(first, states.size)
+    _, p = chosen_and_predicted(past, base, "UTC", ahead)
+    others = rivals(past, real.Real(past, base, "UTC"), ahead)
+    best = min(score(other, states[ahead]).log_loss for _, other in others)
+    assert score(p[0], states[ahead]).log_loss < bound * best
+
+
 def test_what_is_asked_for_is_kept() -> None:
     history = working_hours(20)
     assert choose(history, BASE, orders=(5,), time_zone=LONDON).order in (0, 5)
