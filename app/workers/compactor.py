@@ -17,7 +17,7 @@ COMPACT_POSTS = 256
 COMPACT_MEASUREMENTS = 2_000_000
 """A log that is longer is compacted: whoever reads the history unpacks it. Each time some segments are written anew, so
 of a log that is compacted more often more is written, and more time taken from others."""
-LATE_MEASUREMENTS = 12_000_000
+LATE_MEASUREMENTS = 6_000_000
 """When more wait to be compacted, posts are slowed down: a question has to read them all."""
 SLOWEST_S = 0.25
 """How long the writer rests at most after a group of posts."""
@@ -88,7 +88,7 @@ def is_long(place: LocationRecord, waiting: int) -> bool:
 def slowed_s(waiting: int) -> float:
     """How long the writer is to rest after a group: the longer, the more measurements wait to be compacted.
 
-    >>> slowed_s(12_000_000), slowed_s(18_000_000), slowed_s(60_000_000)
+    >>> slowed_s(6_000_000), slowed_s(9_000_000), slowed_s(60_000_000)
     (0.0, 0.125, 0.25)
     """
     return min(SLOWEST_S, max(0.0, SLOWEST_S * (waiting / LATE_MEASUREMENTS - 1)))
