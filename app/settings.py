@@ -91,8 +91,12 @@ class Settings(BaseSettings):
     jobs_s: float = Field(30 * DAY_S, ge=0, description="How long finished jobs are listed; the last ten stay longer.")
 
     # Updating by itself
-    updater: bool = Field(True, description="Refit locations in the background when their history has grown.")
-    updater_interval_s: float = Field(5.0, gt=0, description="How often the updater looks for grown histories.")
+    updater: bool = Field(
+        True, description="Refit locations and compact their logs in the background when they have grown."
+    )
+    updater_interval_s: float = Field(
+        5.0, gt=0, description="How often the updater and the compactor look for what has grown."
+    )
     update_samples: int = Field(48, gt=0, description="Samples a history must span before its first update.")
     update_growth: float = Field(
         0.1,

@@ -17,9 +17,7 @@ COMPACT_POSTS = 256
 COMPACT_MEASUREMENTS = 2_000_000
 """A log that is longer is compacted: whoever reads the history unpacks it. Each time some segments are written anew, so
 of a log that is compacted more often more is written, and more time taken from others."""
-
-
-LATE_MEASUREMENTS = 12_000_000
+LATE_MEASUREMENTS = 6_000_000
 """When more wait to be compacted, posts are slowed down: a question has to read them all."""
 SLOWEST_S = 0.25
 """How long the writer rests at most after a group of posts."""
@@ -45,6 +43,7 @@ class Compactor:
     def tell_to_end(self) -> None:
         """Leave the round at hand, of which nothing is stored."""
         self._unsubscribe()
+        self._ctx.store.slow_down(0)
         self._worker.tell_to_end()
 
     def stop(self) -> None:
@@ -68,13 +67,10 @@ class Compactor:
         self._come_in = 0
         with self._ctx.store.read() as work:
             places, waiting = work.locations.list(), work.observations.waiting()
-        self._waiting = sum(waiting.values())
-        self._worker.for_each(places, lambda place: self._shorten(place, waiting.get(place.id, 0)))
+        long = [place for place in places if is_long(place, waiting.get(place.id, 0))]
+        self._waiting = sum(waiting.get(place.id, 0) for place in long)
+        self._worker.for_each(long, lambda place: compact(self._ctx, place, self._worker.check))
         self._prune()
-
-    def _shorten(self, place: LocationRecord, waiting: int) -> None:
-        if place.observation_seq - place.compacted_seq >= COMPACT_POSTS or waiting >= COMPACT_MEASUREMENTS:
-            compact(self._ctx, place, self._worker.check)
 
     def _prune(self) -> None:
         now = self._ctx.clock()
@@ -84,10 +80,15 @@ class Compactor:
                 log.info("%d rows of old posts and jobs were pruned", pruned)
 
 
+def is_long(place: LocationRecord, waiting: int) -> bool:
+    """Whether a location's log is to be compacted, of which so many measurements wait."""
+    return place.observation_seq - place.compacted_seq >= COMPACT_POSTS or waiting >= COMPACT_MEASUREMENTS
+
+
 def slowed_s(waiting: int) -> float:
     """How long the writer is to rest after a group: the longer, the more measurements wait to be compacted.
 
-    >>> slowed_s(12_000_000), slowed_s(18_000_000), slowed_s(60_000_000)
+    >>> slowed_s(6_000_000), slowed_s(9_000_000), slowed_s(60_000_000)
     (0.0, 0.125, 0.25)
     """
     return min(SLOWEST_S, max(0.0, SLOWEST_S * (waiting / LATE_MEASUREMENTS - 1)))

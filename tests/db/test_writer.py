@@ -1,5 +1,6 @@
 """The one writer: groups, failures inside a group and of a whole one, limits, and the end."""
 
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager, suppress
@@ -380,6 +381,23 @@ def test_a_lost_connection_fails_one_read(
     assert "\n" not in said
     with store.read() as work:
         assert work.keys.count() == 0
+
+
+def test_who_reads_on_after_the_end_is_told_so(database_url: str) -> None:
+    store = Store(database_url)
+    store.close()
+    with pytest.raises(ShuttingDownError), store.read():
+        raise AssertionError("it was read")
+
+
+def test_a_writer_rests_as_long_as_it_is_told(store: Store) -> None:
+    store.write(key("before"))
+    store.slow_down(0.2)
+    began = time.monotonic()
+    for number in range(3):
+        store.write(key(f"slow {number}"))
+    assert time.monotonic() - began >= 0.4
+    store.slow_down(0)
 
 
 def test_a_read_that_fails_leaves_no_connection_behind(store: Store) -> None:

@@ -18,7 +18,7 @@ async def live() -> dict[str, str]:
 
 @router.get("/readyz", responses={503: {"description": "`problems` says what is wrong."}})
 def ready(request: Request, ctx: Ctx) -> JSONResponse:
-    """The database, its schema and the updater are in order."""
+    """The database, its schema and what works in the background are in order."""
     found = problems(ctx, request.app.state.alive)
     return JSONResponse({"status": "ok" if not found else "unavailable", "problems": found}, 503 if found else 200)
 

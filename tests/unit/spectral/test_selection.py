@@ -110,6 +110,26 @@ def test_what_is_asked_for_is_kept() -> None:
     assert choose(history.window(0, DAY), BASE, orders=(3,), time_zone=LONDON, estimator="fft").order == 3
 
 
+def test_a_check_ends_a_choice() -> None:
+    history = working_hours(16)
+    steps: list[int] = []
+
+    def check() -> None:
+        steps.append(1)
+        if len(steps) == stop:
+            raise InterruptedError
+
+    stop = 0
+    whole = choose(history, BASE, time_zone=LONDON, check=check)
+    assert whole == choose(history, BASE, time_zone=LONDON)
+    assert len(steps) > 10
+    for stop in (1, len(steps) // 2, len(steps)):
+        steps.clear()
+        with pytest.raises(InterruptedError):
+            choose(history, BASE, time_zone=LONDON, check=check)
+        assert len(steps) == stop
+
+
 def test_auto_repeats_itself_and_its_recipe_is_json() -> None:
     history = working_hours(16)
     one = choose(history, BASE, time_zone=LONDON)

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from threading import Event
 from typing import Any
@@ -16,11 +17,12 @@ from app.services.context import Context
 from app.services.jobs import request_update
 from app.services.locations import find_location
 from app.services.update import UpdateRequest
+from app.spectral.history import UNOBSERVED
 from app.storage.tables import observation
 from app.workers import compactor as compactor_module
 from app.workers.compactor import COMPACT_POSTS, Compactor
 from app.workers.updater import Updater
-from tests.support.contexts import Clock, compact_now, make_location, opened, post_rows, post_states
+from tests.support.contexts import Clock, compact_now, history_of, make_location, opened, post_rows, post_states
 from tests.support.waiting import until
 
 WAIT_S = 20.0
@@ -102,6 +104,18 @@ def test_posts_are_slowed_down_while_it_is_late_and_no_longer(lively: Context, m
         go_on.set()
         until(lambda: compacted(lively) >= COMPACT_POSTS)
         until(lambda: not lively_rest(lively))
+
+
+def test_many_short_logs_slow_nobody_down(lively: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compactor_module, "LATE_MEASUREMENTS", 10)
+    for name in ("door", "gate", "attic"):
+        make_location(lively, name)
+        post_states(lively, name, 60.0 * np.arange(9), np.ones(9))
+    with working(lively) as compactor:
+        looked = Event()
+        monkeypatch.setattr(compactor, "_prune", looked.set)
+        assert looked.wait(WAIT_S)
+        assert lively_rest(lively) == 0
 
 
 def lively_rest(ctx: Context) -> float:
@@ -210,3 +224,33 @@ def test_a_check_ends_a_compaction_between_two_segments(ctx: Context) -> None:
         compaction.compact(ctx, find_location(ctx, "lab"), check)
     assert compacted(ctx, "lab") == 0
     assert not ctx.compacting.locked()
+
+
+def test_nobody_forgets_what_a_compaction_is_about_to_write_back(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It has read a segment, retention drops what is in it, and then it is written: all of it would be there again."""
+    read, go_on = Event(), Event()
+    before = compaction._before
+
+    def slow(*arguments: Any) -> Any:
+        found = before(*arguments)
+        read.set()
+        assert go_on.wait(WAIT_S)
+        return found
+
+    make_location(ctx, "lab", (4, 4), retention=600.0)
+    post_rows(ctx, "lab", [(0.0, 3, 1)])
+    compact_now(ctx)
+    post_rows(ctx, "lab", [(6000.0, 3, 1)])
+    monkeypatch.setattr(compaction, "_before", slow)
+    place = find_location(ctx, "lab")
+    with ThreadPoolExecutor(2) as pool:
+        compacting = pool.submit(compact_now, ctx)
+        assert read.wait(WAIT_S)
+        forgetting = pool.submit(compaction.forget, ctx, place)
+        early = wait([forgetting], 0.5).done
+        go_on.set()
+        assert not early
+        compacting.result(WAIT_S)
+        forgetting.result(WAIT_S)
+    states = history_of(ctx, "lab", 0, 0, 101).states()[3]
+    assert np.flatnonzero(states != UNOBSERVED).tolist() == [100]

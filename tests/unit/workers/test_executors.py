@@ -78,3 +78,10 @@ def test_closing_lets_what_runs_end_and_says_so_for_the_rest() -> None:
     assert [type(error) for error in failed] == [ShuttingDownError] or len(ended) == 5
     with pytest.raises(ShuttingDownError):
         list(executor.map(abs, [1]))
+
+
+def test_who_checks_hears_that_nothing_more_is_to_be_started(executor: LocalExecutor) -> None:
+    executor.check()
+    executor.tell_to_end()
+    with pytest.raises(ShuttingDownError):
+        executor.check()
