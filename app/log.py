@@ -3,6 +3,8 @@
 import logging
 
 CHATTY = ("alembic", "httpx", "uvicorn.error", "websockets")
+TOLD = ("sqlalchemy.pool",)
+"""What these say of connections that break, with a trace for each, the store says once."""
 
 
 def configure(level: str) -> None:
@@ -11,3 +13,5 @@ def configure(level: str) -> None:
     if level.lower() != "debug":
         for name in CHATTY:
             logging.getLogger(name).setLevel(logging.WARNING)
+        for name in TOLD:
+            logging.getLogger(name).setLevel(logging.CRITICAL)
