@@ -58,7 +58,9 @@ EVIDENCE_SLOPE = (-0.14, 0.33)
 their distance."""
 HALF_LIVES = (math.inf, 7.0)
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
-"""Shares of the last day's departure that may be followed, all believed alike beforehand."""
+"""Shares of the last day's departure that may be followed."""
+SHARE_SLOPE = -2.0
+"""Belief in following all of it against none, beforehand: that days depend on each other has to show."""
 FOLLOWED = 8.0
 """How much more than `trust` a nat counts in that: one number is chosen, not a whole rhythm."""
 DOUBT = 0.4
@@ -156,9 +158,8 @@ def _levelled(task: Task, mixed: Blend) -> Blend:
 
 def _share(loss: Sequence[float], task: Task) -> float:
     """The average share, weighed as settings are; days left out tell nothing of days to come."""
-    if task.trials[0].around:
-        return float(np.mean(SHARES))
-    weight = np.exp(-FOLLOWED * trust(task) * (np.array(loss) - min(loss)))
+    told = np.zeros(len(SHARES)) if task.trials[0].around else np.array(loss)
+    weight = np.exp(SHARE_SLOPE * np.array(SHARES) - FOLLOWED * trust(task) * (told - told.min()))
     return round(float(weight @ SHARES / weight.sum()), 2)
 
 
