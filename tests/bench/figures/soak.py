@@ -29,8 +29,14 @@ BY_NAME = True
 ROBOTS, READERS, STEP_S, LOOK_S = 16, 2, 1.0, 30.0
 START = time.time() // lab.DAY_S * lab.DAY_S - 100 * lab.DAY_S
 PLACE = f"/api/v1/locations/{lab.NAME}"
-ENVIRONMENT = {"TIDEMAP_VIEWER": "false", "TIDEMAP_LOG_LEVEL": "warning", "TIDEMAP_UPDATE_REST_S": "20"}
-"""Half a minute of building time passes between two looks: ten to a sample, and updates are due all the time."""
+ENVIRONMENT = {
+    "TIDEMAP_VIEWER": "false",
+    "TIDEMAP_LOG_LEVEL": "warning",
+    "TIDEMAP_UPDATE_REST_S": "20",
+    "TIDEMAP_HISTORY_CACHE_BYTES": str(64 * 2**20),
+}
+"""Half a minute of building time passes between two looks: ten to a sample, and updates are due all the time. The cache
+of history is as small as to be full soon: it would grow with the history for hours, which is no leak."""
 
 
 @dataclass(slots=True)
