@@ -244,7 +244,7 @@ def get_event(ctx: Context, anomaly_id: int) -> Event:
     """A stored event. Raises AnomalyNotFoundError."""
     with ctx.store.read() as work:
         record = work.anomalies.get(anomaly_id)
-        place = next(each for each in work.locations.list() if each.id == record.location_id)
+        place = work.locations.by_id(record.location_id)
     return _known(ctx, place, record)
 
 
@@ -253,7 +253,7 @@ def acknowledge(ctx: Context, anomaly_id: int, by: str, note: str | None) -> Eve
 
     def run(work: Work) -> tuple[LocationRecord, AnomalyRecord]:
         record = work.anomalies.acknowledge(anomaly_id, by, ctx.clock(), note)
-        return next(each for each in work.locations.list() if each.id == record.location_id), record
+        return work.locations.by_id(record.location_id), record
 
     return _known(ctx, *ctx.store.write(run))
 

@@ -1,7 +1,7 @@
 """Posts: what was sent, what became of it, and storing many of them in one transaction."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from app.errors import IdempotencyConflictError, LocationNotFoundError, TidemapError, UnauthorizedError
@@ -58,7 +58,8 @@ def store_all(work: Work, entries: Sequence[Entry]) -> list[Outcome]:
     for each other.
     """
     outcome: dict[Entry, Outcome] = {}
-    claims = {entry.post.claim: _confirmed(work, entry.post.claim) for entry in entries}
+    numbers: dict[Entry, int] = {}
+    claims = {claim: _confirmed(work, claim) for claim in {entry.post.claim for entry in entries}}
     for place_id, group in sorted(_by_place(entries).items()):
         fresh = []
         known = work.observations.digests(place_id, [key for entry in group if (key := entry.record.idempotency_key)])
@@ -68,7 +69,13 @@ def store_all(work: Work, entries: Sequence[Entry]) -> list[Outcome]:
                 fresh.append(entry)
             else:
                 outcome[entry] = settled
-        outcome |= _append(work, place_id, fresh)
+        first = work.observations.append(place_id, [entry.record for entry in fresh]) if fresh else 0
+        if first is None:
+            outcome |= {entry: LocationNotFoundError(entry.place.name) for entry in fresh}
+        else:
+            numbers |= {entry: number for number, entry in enumerate(fresh, first)}
+    # After the last location, for what numbers events is locked, too; in the order in which they will be told.
+    outcome |= _with_events(work, {entry: numbers[entry] for entry in entries if entry in numbers})
     return [outcome[entry] for entry in entries]
 
 
@@ -102,16 +109,10 @@ def _settled(entry: Entry, known: dict[str, bytes]) -> Outcome | None:
     return Observed(entry.place.name, 0, 0, True, None, None, [], entry.place.revision)
 
 
-def _append(work: Work, place_id: int, entries: Sequence[Entry]) -> Iterable[tuple[Entry, Outcome]]:
-    """Append new posts of one location, with their events."""
-    if not entries:
-        return
-    first = work.observations.append(place_id, [entry.record for entry in entries])
-    if first is None:
-        yield from ((entry, LocationNotFoundError(entry.place.name)) for entry in entries)
-        return
-    events = iter(work.anomalies.append([event for entry in entries for event in entry.events]))
-    for number, entry in enumerate(entries, first):
+def _with_events(work: Work, numbers: Mapping[Entry, int]) -> Iterable[tuple[Entry, Outcome]]:
+    """Store the events of posts that are stored under these numbers."""
+    events = iter(work.anomalies.append([event for entry in numbers for event in entry.events]))
+    for entry, number in numbers.items():
         record, place = entry.record, entry.place
         stored = [wire(place, next(events)) for _ in entry.events]
         times = (record.first_time, record.last_time)

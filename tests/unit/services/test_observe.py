@@ -208,6 +208,23 @@ def test_of_posts_in_one_group_only_those_that_are_wrong_are_refused(ctx: Contex
     assert [event.id for event in stored] == [first.anomalies[0].id, last.anomalies[0].id]
 
 
+def test_events_of_one_group_are_told_in_the_order_of_their_ids(ctx: Context) -> None:
+    """Whoever resumes behind the last event that it heard of misses none, whichever location is older."""
+    for name in ("door", "gate"):
+        make_location(ctx, name, estimator="static")
+        post_states(ctx, name, np.arange(100) * 60.0, np.zeros(100))
+        refit(ctx, name)
+    heard: list[Message] = []
+    ctx.bus.subscribe(lambda message: heard.append(message) if message.kind == "anomaly" else None)
+    go_on = Event()
+    ctx.store.submit(lambda _: go_on.wait(10))
+    futures = [begin(ctx, name, opened(6000.0, None)) for name in ("gate", "door", "gate")]
+    go_on.set()
+    wait(futures, 10)
+    assert [message.location for message in heard] == ["gate", "door", "gate"]
+    assert [message.id for message in heard] == sorted(message.id for message in heard)
+
+
 def test_a_post_goes_by_what_its_location_is_now(ctx: Context) -> None:
     """Locations are remembered between posts; whatever changes one is noticed by the next."""
     learned_door(ctx)
