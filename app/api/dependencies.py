@@ -9,7 +9,7 @@ from app.api.auth import Sender, require, sending
 from app.api.bodies import read_body
 from app.api.budget import Share
 from app.errors import InvalidInputError
-from app.ingest.observation import COST, GRID_COST, NPY, Body
+from app.ingest.observation import Body
 from app.schemas.common import Text, parse_time
 from app.services.context import Context
 from app.services.keys import Principal
@@ -30,9 +30,9 @@ async def posted_body(request: Request, time: str | None, share: Share) -> Body:
     seconds = query_time("time", time)
     media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     content = await read_body(request, ctx.settings.body_limit(media_type), share)
-    cost = GRID_COST if media_type == NPY and seconds is not None else COST.get(media_type, 1)
-    await share.grow(len(content) * (cost - 1))
-    return Body(content, media_type, seconds)
+    body = Body(content, media_type, seconds)
+    await share.grow(len(content) * (body.cost - 1))
+    return body
 
 
 def query_time(name: str, value: str | None) -> float | None:

@@ -20,9 +20,9 @@ ARROW = "application/vnd.apache.arrow.stream"
 JSON = "application/json"
 NPY = "application/x-npy"
 COST = {JSON: 40, ARROW: 12, NPY: 12}
-"""Bytes of memory that each byte of a body takes at most until its measurements are stored; its own included."""
+"""`Body.cost` of a body, by its media type …"""
 GRID_COST = 13 * COST[NPY]
-"""… of a grid, where one byte is a measurement, which takes 13 in a table."""
+"""… and of a grid, where one byte is a measurement, which takes 13 in a table."""
 BLOCK = 1 << 18
 """Rows that are checked at once."""
 
@@ -41,6 +41,13 @@ class Body:
         digest = xxhash.xxh3_128(self._beside.encode() + b"\0")
         digest.update(self.content)
         return digest.digest()
+
+    @property
+    def cost(self) -> int:
+        """Bytes of memory that each byte of it takes at most until its measurements are stored; its own included."""
+        if self.media_type == NPY and self.time is not None:
+            return GRID_COST
+        return COST.get(self.media_type, 1)
 
     @property
     def _beside(self) -> str:

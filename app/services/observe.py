@@ -18,6 +18,9 @@ from app.spectral.measurements import Measurements
 from app.storage.blobs import pack_measurements
 from app.storage.records import AnomalyRecord, LocationRecord, ObservationRecord
 
+QUICK_BYTES = 12 << 20
+"""Memory that parsing a post takes at most where it is done between commits: some milliseconds."""
+
 
 def observe(ctx: Context, name: str, post: Post) -> Observed:
     """Store a post; returns after its durable commit.
@@ -33,6 +36,27 @@ def begin(ctx: Context, name: str, post: Post) -> Future[Observed]:
 
     Who sent it and whether its key was used is looked up where it is stored. Raises as `observe`.
     """
+    return ctx.store.submit_item(store_all, _entry(ctx, name, post), partial(_tell, ctx))
+
+
+def begin_quick(ctx: Context, name: str, post: Post) -> Future[Observed]:
+    """Queue a post as it came: it is parsed and judged by whoever stores it, with those that came meanwhile.
+
+    The future has what `observe` returns or raises. For posts that are quick (`is_quick`).
+    """
+    return ctx.store.submit_unmade(store_all, partial(_entry, ctx, name, post), partial(_tell, ctx))
+
+
+def is_quick(ctx: Context, name: str, post: Post) -> bool:
+    """Whether a post is small and what it is judged by is in memory. Costs nothing, as it is asked on the way."""
+    if len(post.body.content) * post.body.cost > QUICK_BYTES:
+        return False
+    place = ctx.places.lately(name)
+    return place is not None and (not place.revision or held(ctx, place) is not None)
+
+
+def _entry(ctx: Context, name: str, post: Post) -> Entry:
+    """What is to be stored of a post, parsed and judged. Raises as `observe`."""
     try:
         place = ctx.places.get(name, partial(find_location, ctx))
         measurements = parse(post.body, Target(place.kind, place.cells, ctx.clock() + ctx.settings.future_s))
@@ -40,9 +64,7 @@ def begin(ctx: Context, name: str, post: Post) -> Future[Observed]:
         _refuse(ctx, name, post)
         raise
     place, events = _judged(ctx, place, measurements)
-    entry = Entry(place, post, _record(ctx, post, measurements), events)
-    # Told in the order of the commits: who resumes behind the last event it heard of has missed none.
-    return ctx.store.submit_item(store_all, entry, partial(_tell, ctx, entry.record))
+    return Entry(place, post, _record(ctx, post, measurements), events)
 
 
 def _refuse(ctx: Context, name: str, post: Post) -> None:
@@ -95,11 +117,12 @@ def _record(ctx: Context, post: Post, measurements: Measurements) -> Observation
     )
 
 
-def _tell(ctx: Context, record: ObservationRecord, stored: Observed) -> None:
+def _tell(ctx: Context, stored: Observed) -> None:
+    """Tell of a post in the order of the commits: who resumes behind the last event it heard of has missed none."""
     if stored.duplicate:
         return
     now = ctx.clock()
-    told = {"measurements": record.measurements, "source": record.source, "last_time": record.last_time}
+    told = {"measurements": stored.accepted, "source": stored.source, "last_time": stored.last_time}
     ctx.bus.publish(Message("observation", stored.location, stored.number, now, told))
     for event in stored.anomalies:
         ctx.bus.publish(anomaly_message(event, now))

@@ -35,6 +35,11 @@ class Places:
             known.popitem(last=False)
         return record
 
+    def lately(self, name: str) -> LocationRecord | None:
+        """The record of a name as it was when it was last read, which may be long ago."""
+        _, record = self._known.get(name, (0.0, None))
+        return record
+
     def forget(self) -> None:
         """Something about locations has changed."""
         self._known = OrderedDict()

@@ -28,6 +28,7 @@ class Observed:
     """What became of a post; events carry their ids. A duplicate has no number of its own."""
 
     location: str
+    source: str | None
     number: int
     accepted: int
     duplicate: bool
@@ -106,7 +107,7 @@ def _settled(entry: Entry, known: dict[str, bytes]) -> Outcome | None:
         return None
     if known[key] != digest:
         return IdempotencyConflictError(key)
-    return Observed(entry.place.name, 0, 0, True, None, None, [], entry.place.revision)
+    return Observed(entry.place.name, entry.record.source, 0, 0, True, None, None, [], entry.place.revision)
 
 
 def _with_events(work: Work, numbers: Mapping[Entry, int]) -> Iterable[tuple[Entry, Outcome]]:
@@ -115,5 +116,5 @@ def _with_events(work: Work, numbers: Mapping[Entry, int]) -> Iterable[tuple[Ent
     for entry, number in numbers.items():
         record, place = entry.record, entry.place
         stored = [wire(place, next(events)) for _ in entry.events]
-        times = (record.first_time, record.last_time)
-        yield entry, Observed(place.name, number, record.measurements, False, *times, stored, place.revision)
+        what = (number, record.measurements, False, record.first_time, record.last_time)
+        yield entry, Observed(place.name, record.source, *what, stored, place.revision)

@@ -29,9 +29,7 @@ class Checkpoints:
 
     def care(self) -> None:
         """After a commit: empty a log file that is too long, letting no reader in until those inside have left."""
-        if self._log is None or time.monotonic() < self._next or not self._log.exists():
-            return
-        if self._log.stat().st_size <= MOST_BYTES:
+        if self._log is None or time.monotonic() < self._next or _size(self._log) <= MOST_BYTES:
             return
         with self._gate.shut(PATIENCE_S) as empty:
             emptied = empty and self._truncate()
@@ -50,3 +48,11 @@ class Checkpoints:
         finally:
             connection.close()
         return not busy
+
+
+def _size(path: Path) -> int:
+    """Bytes of a file; 0 where there is none."""
+    try:
+        return path.stat().st_size
+    except FileNotFoundError:
+        return 0

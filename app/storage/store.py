@@ -110,6 +110,12 @@ class Store:
         """Queue an item that is written together with others; see `Writer.submit_item`."""
         return self._writer.submit_item(run_all, item, then)
 
+    def submit_unmade(
+        self, run_all: RunAll[Item, Result], make: Callable[[], Item], then: Callable[[Result], None] | None = None
+    ) -> Future[Result]:
+        """Queue an item that is still to be made; see `Writer.submit_unmade`."""
+        return self._writer.submit_unmade(run_all, make, then)
+
     def write(self, run: Callable[[Work], Result], then: Callable[[Result], None] | None = None) -> Result:
         """Queue a write and wait until it is durable; `then` as in `Writer.submit`."""
         return self._writer.submit(run, then).result()

@@ -4,7 +4,7 @@ import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import groupby
 from queue import Empty, Full, Queue
@@ -28,12 +28,24 @@ RunAll: TypeAlias = Callable[[Work, Sequence[Item]], Sequence[Result | TidemapEr
 """Writes many items at once; of each its result, or why nothing of it was written."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, eq=False)
 class _Write(Generic[Item, Result]):
     run_all: RunAll[Item, Result]
-    item: Item
+    make: Callable[[], Item]
     then: Callable[[Result], None] | None
-    future: Future[Result]
+    future: Future[Result] = field(default_factory=Future)
+    item: Item = field(init=False)
+
+    def begin(self) -> bool:
+        """Make the item; False where that fails or nobody waits for it any more, and there is nothing to be written."""
+        if not self.future.set_running_or_notify_cancel():
+            return False
+        try:
+            self.item = self.make()
+        except BaseException as error:
+            self.future.set_exception(error)
+            return False
+        return True
 
 
 class Writer:
@@ -69,15 +81,25 @@ class Writer:
         self, run_all: RunAll[Item, Result], item: Item, then: Callable[[Result], None] | None = None
     ) -> Future[Result]:
         """As `submit`, of an item that is written together with those beside it that have the same `run_all`."""
-        future: Future[Result] = Future()
+        return self.submit_unmade(run_all, partial(_as_it_is, item), then)
+
+    def submit_unmade(
+        self, run_all: RunAll[Item, Result], make: Callable[[], Item], then: Callable[[Result], None] | None = None
+    ) -> Future[Result]:
+        """As `submit_item`, of an item that `make` makes in the writer's thread, just before its group is stored.
+
+        All writes wait for it, so it should be quick; the future has what it raises. A thread that makes the items of
+        a group and stores them has nobody to share the interpreter with.
+        """
+        write = _Write(run_all, make, then)
         with self._gate:
             if self._closed:
                 raise ShuttingDownError
             try:
-                self._queue.put_nowait(_Write(run_all, item, then, future))
+                self._queue.put_nowait(write)
             except Full:
                 raise QueueFullError from None
-        return future
+        return write.future
 
     def waiting(self) -> int:
         """How many writes wait."""
@@ -101,18 +123,19 @@ class Writer:
 
     def _care(self) -> None:
         """What is done between commits and harms none of them when it fails."""
-        time.sleep(self.rest_s)
+        if self.rest_s:
+            time.sleep(self.rest_s)
         try:
             self._checkpoints.care()
         except Exception:
             log.exception("the log file of the database was not shortened")
 
     def _next_group(self) -> tuple[list[_Write[Any, Any]], bool]:
-        """The writes that wait, and whether there may be more."""
+        """The writes that wait, and those that come while their items are made; and whether there may be more."""
         item = self._queue.get()
         group: list[_Write[Any, Any]] = []
         while item is not None:
-            if item.future.set_running_or_notify_cancel():
+            if item.begin():
                 group.append(item)
             if len(group) == self._batch:
                 return group, True
@@ -201,6 +224,10 @@ class Writer:
             self.trouble.failed(error)
         else:
             log.error("%s: %s", what, " ".join(str(error.orig).split()))
+
+
+def _as_it_is(item: Item) -> Item:
+    return item
 
 
 def _each(work: Work, runs: Sequence[Callable[[Work], Result]]) -> list[Result]:

@@ -4,14 +4,22 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from pathlib import Path
-from threading import Event
+from threading import Event, current_thread
 from typing import Any
 
 import pytest
 from sqlalchemy import Connection, Engine, event, insert, select, text
 
-from app.errors import KeyNotFoundError, QueueFullError, ShuttingDownError, StorageUnavailableError, TidemapError
+from app.errors import (
+    InvalidInputError,
+    KeyNotFoundError,
+    QueueFullError,
+    ShuttingDownError,
+    StorageUnavailableError,
+    TidemapError,
+)
 from app.storage.engine import open_reader, open_writer
 from app.storage.gate import Gate
 from app.storage.records import LocationRecord
@@ -457,4 +465,32 @@ def test_an_item_that_fails_takes_no_other_along(writer: Writer, database_url: s
     with held(writer):
         futures = [writer.submit_item(make_all, name) for name in ("a", "bad", "b")]
     assert [type(future.exception(WAIT_S)) for future in futures] == [type(None), ValueError, type(None)]
+    assert names(database_url) == ["a", "b"]
+
+
+def test_items_are_made_in_the_writers_thread_before_their_group_and_once(writer: Writer, database_url: str) -> None:
+    made: list[tuple[str, str, list[str]]] = []
+
+    def make(name: str) -> str:
+        made.append((name, current_thread().name, names(database_url)))
+        if name == "odd":
+            raise InvalidInputError.at("name", "is odd")
+        return name
+
+    def make_all(work: Work, wanted: Sequence[str]) -> list[str]:
+        stored = [key(name)(work) for name in wanted]
+        if "bad" in wanted:
+            raise ValueError
+        return stored
+
+    with held(writer):
+        futures = [writer.submit_unmade(make_all, partial(make, name)) for name in ("a", "odd", "gone", "bad", "b")]
+        assert futures[2].cancel()
+    assert [type(future.exception(WAIT_S)) for future in futures if not future.cancelled()] == [
+        type(None),
+        InvalidInputError,
+        ValueError,
+        type(None),
+    ]
+    assert made == [(name, "tidemap-writer", []) for name in ("a", "odd", "bad", "b")]
     assert names(database_url) == ["a", "b"]

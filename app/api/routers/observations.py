@@ -17,7 +17,7 @@ from app.schemas.observations import Accepted, GridObservations, StateObservatio
 from app.services.context import Context
 from app.services.keys import Principal
 from app.services.listing import most_surprising
-from app.services.observe import begin
+from app.services.observe import begin, begin_quick, is_quick
 from app.services.posts import Observed, Post
 
 router = APIRouter(prefix="/locations/{name}/observations", tags=["observations"], route_class=StrictRoute)
@@ -87,13 +87,11 @@ async def post(
 
     The same Idempotency-Key with the same body again is answered 200 with `duplicate` true; nothing is stored twice.
     """
-    stored: Future[Observed] = Future()
     try:
         with request.app.state.budget.share() as share:
             body = await posted_body(request, time, share)
             sent = Post(body, source or _name(robot.principal), idempotency_key, robot.claim)
-            request.app.state.parsing.submit(_begin, stored, request.app.state.ctx, name, sent)
-            result = await asyncio.wrap_future(stored)
+            result = await _stored(request, name, sent)
     except UnauthorizedError:
         if robot.claim is not None:
             await refuse(request, robot.claim)
@@ -111,6 +109,16 @@ def _answer(result: Observed) -> Accepted:
         anomalies_total=len(result.anomalies),
         revision=result.revision,
     )
+
+
+def _stored(request: Request, name: str, sent: Post) -> "asyncio.Future[Observed]":
+    """What becomes of a post. What takes long is done in threads that take it to its end one after the other."""
+    ctx: Context = request.app.state.ctx
+    if is_quick(ctx, name, sent):
+        return asyncio.wrap_future(begin_quick(ctx, name, sent))
+    stored: Future[Observed] = Future()
+    request.app.state.parsing.submit(_begin, stored, ctx, name, sent)
+    return asyncio.wrap_future(stored)
 
 
 def _begin(stored: "Future[Observed]", ctx: Context, name: str, sent: Post) -> None:

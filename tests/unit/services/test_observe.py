@@ -22,7 +22,7 @@ from app.services.anomalies import EventQuery, list_events
 from app.services.context import Context
 from app.services.keys import Claim, Principal
 from app.services.locations import change_location, delete_location, find_location, get_location
-from app.services.observe import begin, observe
+from app.services.observe import QUICK_BYTES, begin, begin_quick, is_quick, observe
 from app.services.posts import Post
 from tests.support.contexts import NOW, history_of, make_location, post_rows, post_states, refit
 
@@ -165,6 +165,45 @@ def test_times_of_all_signs_and_fractions_fall_into_their_samples(ctx: Context) 
 
 def opened(time_s: float, key: str | None, claim: Claim | None = None) -> Post:
     return Post(Body(b'{"time": [%.1f], "state": [1]}' % time_s, JSON), None, key, claim)
+
+
+def test_a_post_is_quick_where_it_is_small_and_its_model_is_in_memory(ctx: Context) -> None:
+    post = opened(6000.0, None)
+    make_location(ctx, "gate")
+    assert not is_quick(ctx, "gate", post), "a location that was never posted to"
+    observe(ctx, "gate", post)
+    assert is_quick(ctx, "gate", post), "one without a model"
+    learned_door(ctx)
+    observe(ctx, "door", post)
+    assert is_quick(ctx, "door", post)
+    ctx.spectra.drop(lambda _: True)
+    assert not is_quick(ctx, "door", post), "a model that would have to be read"
+    observe(ctx, "door", post)
+    refit(ctx, "door")
+    assert not is_quick(ctx, "door", post), "a model that is another now"
+    large = Post(Body(bytes(QUICK_BYTES // 40 + 1), JSON))
+    assert not is_quick(ctx, "gate", large)
+
+
+def test_a_quick_post_is_stored_told_and_refused_as_any_other(ctx: Context) -> None:
+    learned_door(ctx)
+    heard: list[tuple[str, int]] = []
+    ctx.bus.subscribe(lambda message: heard.append((message.kind, message.id)))
+    odd = Post(Body(b'{"time": [1], "state": [7]}', JSON))
+    stranger = Claim(Principal("gone", "robot", 7), b"nobody's")
+    posts = [opened(6000.0, "k"), odd, opened(6060.0, None), opened(6000.0, "k"), opened(7000.0, None, stranger)]
+    go_on = Event()
+    ctx.store.submit(lambda _: go_on.wait(10))
+    futures = [begin_quick(ctx, "door", post) for post in posts]
+    gone = begin_quick(ctx, "nowhere", opened(0.0, None))
+    go_on.set()
+    refused = [type(future.exception(10)) for future in [*futures, gone]]
+    nothing = type(None)
+    assert refused == [nothing, InvalidInputError, nothing, nothing, UnauthorizedError, LocationNotFoundError]
+    assert [len(futures[i].result().anomalies) for i in (0, 2, 3)] == [1, 1, 0]
+    assert futures[3].result().duplicate
+    assert heard == [("observation", 2), ("anomaly", 1), ("observation", 3), ("anomaly", 2)]
+    assert find_location(ctx, "door").observation_seq == 3
 
 
 def test_of_posts_in_one_group_only_those_that_are_wrong_are_refused(ctx: Context) -> None:

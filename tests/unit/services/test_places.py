@@ -29,6 +29,16 @@ def test_a_record_is_read_once_in_a_while() -> None:
     assert readings.get() == ("door", 2)
 
 
+def test_what_was_read_long_ago_is_known_until_something_changes() -> None:
+    readings = Readings()
+    assert readings.places.lately("door") is None
+    readings.get()
+    readings.now += 100 * BELIEVED_S
+    assert readings.places.lately("door") == ("door", 1)
+    readings.places.forget()
+    assert readings.places.lately("door") is None
+
+
 def test_after_a_change_it_is_read_anew() -> None:
     readings = Readings()
     readings.get()
