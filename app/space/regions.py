@@ -21,32 +21,43 @@ def label_regions(
         return np.empty(0, np.int64)
     key = ((sample - sample.min()) * grid.n_cells + cell) * 2 + state
     order = np.argsort(key)
-    parent = np.arange(len(key))
-    _join(key[order], grid.index(cell[order]), np.array(grid.shape3), STEPS, parent)
-    label = np.empty(len(key), np.int64)
-    label[order] = np.unique(parent, return_inverse=True)[1]
+    parent, label = np.arange(len(key)), np.empty(len(key), np.int64)
+    _join(key[order], grid.shape3, STEPS, parent)
+    label[order] = _numbered(parent)
     return label
 
 
 @njit(cache=True, nogil=True)
 def _join(
-    key: NDArray[np.int64],
-    index: NDArray[np.int64],
-    shape: NDArray[np.int64],
-    steps: NDArray[np.int64],
-    parent: NDArray[np.int64],
+    key: NDArray[np.int64], shape: tuple[int, int, int], steps: NDArray[np.int64], parent: NDArray[np.int64]
 ) -> None:
     """In place: `parent` of every mark (keys ascending) becomes the first of its region."""
     plane, row = shape[1] * shape[2], shape[2]
     n_cells = shape[0] * plane
     for i in range(key.size):
         _meet(key, parent, i, key[i] + 2 * n_cells)
+        cell = (key[i] >> 1) % n_cells
+        at_x, at_y, at_z = cell // plane, cell // row % shape[1], cell % row
         for step in steps:
-            x, y, z = index[i, 0] + step[0], index[i, 1] + step[1], index[i, 2] + step[2]
+            x, y, z = at_x + step[0], at_y + step[1], at_z + step[2]
             if 0 <= x < shape[0] and 0 <= y < shape[1] and 0 <= z < shape[2]:
                 _meet(key, parent, i, key[i] + 2 * (step[0] * plane + step[1] * row + step[2]))
     for i in range(key.size):
         parent[i] = _root(parent, i)
+
+
+@njit(cache=True, nogil=True)
+def _numbered(parent: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Labels 0, 1 and so on of regions that are given by their first marks, in the order of these."""
+    label = np.empty_like(parent)
+    count = 0
+    for i in range(parent.size):
+        if parent[i] == i:
+            label[i] = count
+            count += 1
+        else:
+            label[i] = label[parent[i]]
+    return label
 
 
 @njit(cache=True, nogil=True)

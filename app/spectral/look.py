@@ -1,6 +1,6 @@
-"""Look: measurements of one moment, as a robot's sensor makes them; checked and put in order in one pass."""
+"""Look: measurements of one moment, as a robot's sensor makes them: put in order in one pass; the cells they saw."""
 
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from app.spectral.jit import kernel
 from app.spectral.measurements import Measurements
 
+Kind = TypeVar("Kind", bound=np.generic)
 TYPES: tuple[np.dtype[Any], ...] = (np.dtype(np.float64), np.dtype(np.uint32), np.dtype(np.uint8))
 
 
@@ -39,7 +40,7 @@ def _fits(column: NDArray[np.generic], dtype: np.dtype[np.generic]) -> bool:
     return bool(column.dtype == dtype and column.flags.c_contiguous and column.flags.aligned)
 
 
-def _read_only(column: NDArray[np.generic]) -> NDArray[np.generic]:
+def _read_only(column: NDArray[Kind]) -> NDArray[Kind]:
     """As what is compiled takes it: another one would be compiled anew."""
     view = column.view()
     view.flags.writeable = False
@@ -80,3 +81,55 @@ def _merge(
             cell_out[i], state_out[i] = cell[other], state[other]
             other += 1
     return True
+
+
+def seen_plane(cell: NDArray[np.uint32]) -> NDArray[np.uint8] | None:
+    """Which cells from the first of `cell` (n,) to its last are among them: bits, "little", of at most n bytes.
+
+    None where they do not ascend, or are too far apart for that.
+    """
+    span = int(cell[-1]) - int(cell[0]) if len(cell) else -1
+    if not 0 <= span < 8 * len(cell):
+        return None
+    plane = np.zeros((span >> 3) + 1, np.uint8)
+    return plane if _mark(_read_only(cell), plane) else None
+
+
+def plane_cells(plane: NDArray[np.uint8], first: int, n: int) -> NDArray[np.uint32]:
+    """The `n` cells of a `seen_plane` whose first is `first`. ValueError where it does not have so many.
+
+    >>> plane_cells(seen_plane(np.array([7, 8, 20], np.uint32)), 7, 3).tolist()
+    [7, 8, 20]
+    """
+    cell = np.empty(n, np.uint32)
+    if _cells(_read_only(plane), first, cell) != n:
+        raise ValueError(f"a plane has other than {n} cells")
+    return cell
+
+
+@kernel
+def _mark(cell: NDArray[np.uint32], plane: NDArray[np.uint8]) -> bool:
+    """Sets the bits of cells, from the first on; False where they do not ascend."""
+    for i in range(1, cell.size):
+        if cell[i] <= cell[i - 1]:
+            return False
+    for each in cell:
+        off = each - cell[0]
+        plane[off >> 3] |= np.uint8(1 << (off & 7))
+    return True
+
+
+@kernel
+def _cells(plane: NDArray[np.uint8], first: int, cell: NDArray[np.uint32]) -> int:
+    """How many bits are set; as far as there is room, where."""
+    found = 0
+    for byte in range(plane.size):
+        bits = plane[byte]
+        if bits == 0:
+            continue
+        for bit in range(8):
+            if bits >> bit & 1:
+                if found < cell.size:
+                    cell[found] = first + 8 * byte + bit
+                found += 1
+    return found

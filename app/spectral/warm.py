@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from app.spectral.anomaly import surprising
 from app.spectral.history import History
-from app.spectral.look import order_look
+from app.spectral.look import order_look, plane_cells, seen_plane
 from app.spectral.model import add, reconstruct, update
 from app.spectral.prediction import Answer, predict, predict_times, write_waves
 from app.spectral.selection import choose
@@ -52,6 +52,8 @@ def warm() -> None:
             surprising(spectrum, 0.0, np.zeros(1, np.uint32), np.zeros(1, np.uint8), 0.9)
             reconstruct(replace(model, spectrum=spectrum))
     order_look(np.zeros(1), np.zeros(1, np.uint32), np.zeros(1, np.uint8), (0.0, 1.0), 1)
+    seen_plane(np.zeros(1, np.uint32))
+    plane_cells(np.ones(1, np.uint8), 0, 1)
     choose(History.from_states((np.arange(2 * 4500).reshape(2, 4500) % 9 < 3).astype(np.uint8)), base, time_zone="UTC")
 
 

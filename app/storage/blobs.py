@@ -6,7 +6,9 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from app.errors import CorruptChunkError
 from app.spectral.history import History
+from app.spectral.look import plane_cells, seen_plane
 from app.spectral.measurements import Measurements
 from app.spectral.patterns import distinct, spread, transpose
 from app.spectral.segment import SEGMENT_SAMPLES, Segment
@@ -22,20 +24,21 @@ LINE = 2
 def pack_measurements(measurements: Measurements) -> bytes:
     """Times as runs of equal times, cells as steps from the first of their run, states as bits.
 
-    Any order comes back as it was; in order (`Measurements.in_order`) the steps are small and so is the blob.
+    Any order comes back as it was; in order (`Measurements.in_order`) the steps are small and so is the blob. Of a look
+    that saw most cells of some part, which they are, in bits.
     """
     heads, cell = measurements.heads, measurements.cell
+    columns: dict[str, NDArray[np.generic]] = {
+        "time": measurements.time[heads],
+        "first": cell[heads],
+        "state": np.packbits(measurements.state, bitorder="little"),
+    }
+    seen = seen_plane(cell) if len(heads) == 1 else None
+    if seen is not None:
+        return seal(columns | {"run": np.array([len(cell)], np.uint32), "seen": seen})
     step = np.diff(cell, prepend=np.uint32(0))
     step[heads] = 0
-    return seal(
-        {
-            "time": measurements.time[heads],
-            "run": np.diff(heads, append=len(cell)).astype(np.uint32),
-            "first": cell[heads],
-            "step": narrow(step),
-            "state": np.packbits(measurements.state, bitorder="little"),
-        }
-    )
+    return seal(columns | {"run": np.diff(heads, append=len(cell)).astype(np.uint32), "step": narrow(step)})
 
 
 def narrow(values: NDArray[np.integer[Any]]) -> NDArray[np.unsignedinteger[Any]]:
@@ -44,16 +47,32 @@ def narrow(values: NDArray[np.integer[Any]]) -> NDArray[np.unsignedinteger[Any]]
 
 
 def unpack_measurements(blob: bytes, what: str) -> Measurements:
-    """The inverse of `pack_measurements`."""
-    columns = cast(dict[str, Any], unseal(blob, what, "time", "run", "first", "step", "state"))
+    """The inverse of `pack_measurements`. Raises CorruptChunkError."""
+    columns = cast(dict[str, Any], unseal(blob, what, "time", "run", "first", "state"))
     run = columns["run"]
     time = _repeated(columns["time"], run)
-    # Sums that grow past 32 bits wrap around, and so come out right.
-    cell = np.cumsum(columns["step"], dtype=np.uint32)
-    off = columns["first"] - cell[np.cumsum(run, dtype=np.int64) - run]
-    cell += off if len(run) == 1 else np.repeat(off, run)
     state = np.unpackbits(columns["state"], count=len(time), bitorder="little")
-    return Measurements(time, cell, state)
+    return Measurements(time, _cells(columns, run, what), state)
+
+
+def _cells(columns: dict[str, Any], run: NDArray[np.uint32], what: str) -> NDArray[np.uint32]:
+    """The cell of every measurement, which are in runs of this length. Raises CorruptChunkError."""
+    if "step" in columns:
+        return _summed(columns["step"], columns["first"], run)
+    if "seen" not in columns:
+        raise CorruptChunkError(what, "it is of another kind, without step or seen")
+    try:
+        return plane_cells(columns["seen"], int(columns["first"][0]), int(run[0]))
+    except ValueError as error:
+        raise CorruptChunkError(what, str(error)) from error
+
+
+def _summed(step: NDArray[np.uint32], first: NDArray[np.uint32], run: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """Cells from their steps; sums that grow past 32 bits wrap around, and so come out right."""
+    cell = np.cumsum(step, dtype=np.uint32)
+    off = first - cell[np.cumsum(run, dtype=np.int64) - run]
+    cell += off if len(run) == 1 else np.repeat(off, run)
+    return cell
 
 
 def _repeated(time: NDArray[np.float64], run: NDArray[np.uint32]) -> NDArray[np.float64]:

@@ -1,6 +1,7 @@
 """What is stored comes back exactly, and what is damaged never comes back as something else."""
 
 from collections.abc import Callable
+from random import Random
 from typing import Any
 
 import numpy as np
@@ -72,6 +73,28 @@ def test_measurements_come_back(rows: list[tuple[float, int, int]]) -> None:
     assert (found.time.dtype, found.cell.dtype, found.state.dtype) == (np.float64, np.uint32, np.uint8)
     unpacked = list(zip(found.time.tolist(), found.cell.tolist(), found.state.tolist(), strict=True))
     assert unpacked == rows
+
+
+@quick
+@given(st.sets(st.integers(0, 60)), st.sampled_from([0, 9, 2**32 - 61]), st.randoms(use_true_random=False))
+def test_a_look_comes_back_from_a_bit_a_cell(cells: set[int], first: int, random: Random) -> None:
+    """Those of ascending cells that are no more than eight times as far apart as they are many."""
+    cell = np.array(sorted(cells), np.int64) + first
+    state = np.array([random.randint(0, 1) for _ in cell], np.uint8)
+    look = Measurements(np.full(len(cell), 7.5), cell.astype(np.uint32), state)
+    blob = pack_measurements(look)
+    dense = bool(cells) and max(cells) - min(cells) < 8 * len(cells)
+    assert ("seen" in unseal(blob, "test"), "step" in unseal(blob, "test")) == (dense, not dense)
+    found = unpack_measurements(blob, "test")
+    assert (found.cell.tolist(), found.state.tolist()) == (cell.tolist(), state.tolist())
+
+
+def test_a_look_whose_bits_are_not_as_many_as_its_measurements_is_corrupt() -> None:
+    look = Measurements(np.full(3, 7.5), np.array([3, 4, 6], np.uint32), np.ones(3, np.uint8))
+    columns = unseal(pack_measurements(look), "test")
+    for run in (2, 4):
+        with pytest.raises(CorruptChunkError, match=f"has other than {run} cells"):
+            unpack_measurements(seal({**columns, "run": np.array([run], np.uint32)}), "observation 7")
 
 
 @st.composite
@@ -158,6 +181,10 @@ SAMPLE_SPECTRUM = Spectrum(
 )
 BLOBS: dict[str, tuple[bytes, Callable[[bytes], Any]]] = {
     "cells": (pack_cells(np.arange(9)), lambda blob: unpack_cells(blob, "cells of anomaly 7")),
+    "look": (
+        pack_measurements(Measurements(np.zeros(2), np.array([3, 4], np.uint32), np.array([0, 1], np.uint8))),
+        lambda blob: unpack_measurements(blob, "observation 7"),
+    ),
     "measurements": (
         pack_measurements(Measurements(np.array([1.0, 2.0]), np.array([3, 4], np.uint32), np.array([0, 1], np.uint8))),
         lambda blob: unpack_measurements(blob, "observation 7"),
@@ -192,11 +219,11 @@ def test_the_format_of_another_version_is_refused(blob: bytes, unpack: Callable[
         unpack(bytes([VERSION + 1]) + blob[1:])
 
 
-@pytest.mark.parametrize("name", ["measurements", "segment", "spectrum"])
+@pytest.mark.parametrize("name", ["look", "measurements", "segment", "spectrum"])
 def test_a_blob_of_another_kind_is_refused(name: str) -> None:
     _, unpack = BLOBS[name]
     for other, (blob, _) in BLOBS.items():
-        if other != name:
+        if other != name and {name, other} != {"look", "measurements"}:
             with pytest.raises(CorruptChunkError, match="7 is corrupt"):
                 unpack(blob)
 
