@@ -1,6 +1,6 @@
 """Who asks, and may they: bearer keys and browser sessions, pages of other sites, too many requests."""
 
-from collections.abc import Callable, Coroutine, Iterator
+from collections.abc import Awaitable, Callable, Coroutine, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -95,20 +95,20 @@ def sending(role: Role) -> Callable[[Request], Coroutine[Any, Any, Sender]]:
     return check
 
 
-async def confirming(request: Request, sender: Sender, run: Callable[[], Answer]) -> Answer:
-    """What `run`, in a thread, answers; a claim that it finds untrue is refused.
+async def confirming(request: Request, sender: Sender, answer: Awaitable[Answer]) -> Answer:
+    """An answer whose maker confirms the sender's claim; one that turns out untrue is refused.
 
-    Raises as `refuse`, UnauthorizedError.
+    Raises UnauthorizedError, RateLimitError.
     """
     try:
-        return await run_in_threadpool(run)
+        return await answer
     except UnauthorizedError:
         if sender.claim is not None:
-            await refuse(request, sender.claim)
+            await _refuse(request, sender.claim)
         raise
 
 
-async def refuse(request: Request, claim: Claim) -> None:
+async def _refuse(request: Request, claim: Claim) -> None:
     """Refuse a claim that is not true any more, counting what its sender sent as every wrong key.
 
     Raises UnauthorizedError, RateLimitError.

@@ -4,6 +4,7 @@ from functools import partial
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request
+from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
 from app.api.auth import confirming
@@ -66,7 +67,8 @@ async def state(
     """The state at a time, past or future, with a confidence; by default now."""
     seconds = query_time("time", time)
     query = StateQuery(ctx.clock() if seconds is None else seconds, confidence, order, estimator, _box(bbox), observed)
-    return await confirming(request, asker, lambda: _answer(request, ctx, ask(ctx, name, query, asker.claim)))
+    answer = run_in_threadpool(lambda: _answer(request, ctx, ask(ctx, name, query, asker.claim)))
+    return await confirming(request, asker, answer)
 
 
 def _answer(request: Request, ctx: Context, asked: Asked) -> Response:

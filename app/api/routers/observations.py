@@ -7,10 +7,9 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Query, Request, Response
 
-from app.api.auth import refuse
+from app.api.auth import confirming
 from app.api.dependencies import Robot, posted_body
 from app.api.parameters import StrictRoute
-from app.errors import UnauthorizedError
 from app.ingest.observation import ARROW, JSON, NPY
 from app.schemas.common import Text
 from app.schemas.observations import Accepted, GridObservations, StateObservations
@@ -87,15 +86,10 @@ async def post(
 
     The same Idempotency-Key with the same body again is answered 200 with `duplicate` true; nothing is stored twice.
     """
-    try:
-        with request.app.state.budget.share() as share:
-            body = await posted_body(request, time, share)
-            sent = Post(body, source or _name(robot.principal), idempotency_key, robot.claim)
-            result = await _stored(request, name, sent)
-    except UnauthorizedError:
-        if robot.claim is not None:
-            await refuse(request, robot.claim)
-        raise
+    with request.app.state.budget.share() as share:
+        body = await posted_body(request, time, share)
+        sent = Post(body, source or _name(robot.principal), idempotency_key, robot.claim)
+        result = await confirming(request, robot, _stored(request, name, sent))
     return Response(_answer(result).model_dump_json(), 200 if result.duplicate else 201, media_type=JSON)
 
 
