@@ -18,8 +18,12 @@ from app.spectral.measurements import Measurements
 from app.storage.blobs import pack_measurements
 from app.storage.records import AnomalyRecord, LocationRecord, ObservationRecord
 
-QUICK_BYTES = 12 << 20
-"""Memory that parsing a post takes at most where it is done between commits: some milliseconds."""
+QUICK_BYTES, QUICK_LOOKS = 4 << 20, 16
+"""What a post takes at most that is parsed and judged between commits: memory, and moments in it. Some milliseconds."""
+
+
+class NotQuickError(Exception):
+    """A post was small, but has too many moments."""
 
 
 def observe(ctx: Context, name: str, post: Post) -> Observed:
@@ -42,9 +46,10 @@ def begin(ctx: Context, name: str, post: Post) -> Future[Observed]:
 def begin_quick(ctx: Context, name: str, post: Post) -> Future[Observed]:
     """Queue a post as it came: it is parsed and judged by whoever stores it, with those that came meanwhile.
 
-    The future has what `observe` returns or raises. For posts that are quick (`is_quick`).
+    The future has what `observe` returns or raises, or NotQuickError: then nothing was stored, and `begin` is for it.
+    For posts that are quick as far as can be seen (`is_quick`).
     """
-    return ctx.store.submit_unmade(store_all, partial(_entry, ctx, name, post), partial(_tell, ctx))
+    return ctx.store.submit_unmade(store_all, partial(_quick_entry, ctx, name, post), partial(_tell, ctx))
 
 
 def is_quick(ctx: Context, name: str, post: Post) -> bool:
@@ -57,13 +62,29 @@ def is_quick(ctx: Context, name: str, post: Post) -> bool:
 
 def _entry(ctx: Context, name: str, post: Post) -> Entry:
     """What is to be stored of a post, parsed and judged. Raises as `observe`."""
+    return _judged(ctx, post, *_parsed(ctx, name, post))
+
+
+def _quick_entry(ctx: Context, name: str, post: Post) -> Entry:
+    """As `_entry`. Raises NotQuickError."""
+    place, measurements = _parsed(ctx, name, post)
+    if len(measurements.heads) > QUICK_LOOKS:
+        raise NotQuickError
+    return _judged(ctx, post, place, measurements)
+
+
+def _parsed(ctx: Context, name: str, post: Post) -> tuple[LocationRecord, Measurements]:
+    """The location and what was measured there."""
     try:
         place = ctx.places.get(name, partial(find_location, ctx))
-        measurements = parse(post.body, Target(place.kind, place.cells, ctx.clock() + ctx.settings.future_s))
+        return place, parse(post.body, Target(place.kind, place.cells, ctx.clock() + ctx.settings.future_s))
     except TidemapError:
         _refuse(ctx, name, post)
         raise
-    place, events = _judged(ctx, place, measurements)
+
+
+def _judged(ctx: Context, post: Post, place: LocationRecord, measurements: Measurements) -> Entry:
+    place, events = _events(ctx, place, measurements)
     return Entry(place, post, _record(ctx, post, measurements), events)
 
 
@@ -81,7 +102,7 @@ def _refuse(ctx: Context, name: str, post: Post) -> None:
             raise IdempotencyConflictError(key)
 
 
-def _judged(
+def _events(
     ctx: Context, place: LocationRecord, measurements: Measurements
 ) -> tuple[LocationRecord, list[AnomalyRecord]]:
     """The events among the measurements by the current revision, and the location as it has that.

@@ -2,6 +2,7 @@
 
 import asyncio
 from concurrent.futures import Future
+from contextlib import suppress
 from functools import partial
 from typing import Annotated, Any
 
@@ -16,7 +17,7 @@ from app.schemas.observations import Accepted, GridObservations, StateObservatio
 from app.services.context import Context
 from app.services.keys import Principal
 from app.services.listing import most_surprising
-from app.services.observe import begin, begin_quick, is_quick
+from app.services.observe import NotQuickError, begin, begin_quick, is_quick
 from app.services.posts import Observed, Post
 
 router = APIRouter(prefix="/locations/{name}/observations", tags=["observations"], route_class=StrictRoute)
@@ -105,14 +106,15 @@ def _answer(result: Observed) -> Accepted:
     )
 
 
-def _stored(request: Request, name: str, sent: Post) -> "asyncio.Future[Observed]":
+async def _stored(request: Request, name: str, sent: Post) -> Observed:
     """What becomes of a post. What takes long is done in threads that take it to its end one after the other."""
     ctx: Context = request.app.state.ctx
     if is_quick(ctx, name, sent):
-        return asyncio.wrap_future(begin_quick(ctx, name, sent))
+        with suppress(NotQuickError):
+            return await asyncio.wrap_future(begin_quick(ctx, name, sent))
     stored: Future[Observed] = Future()
     request.app.state.parsing.submit(_begin, stored, ctx, name, sent)
-    return asyncio.wrap_future(stored)
+    return await asyncio.wrap_future(stored)
 
 
 def _begin(stored: "Future[Observed]", ctx: Context, name: str, sent: Post) -> None:

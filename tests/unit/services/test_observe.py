@@ -22,7 +22,7 @@ from app.services.anomalies import EventQuery, list_events
 from app.services.context import Context
 from app.services.keys import Claim, Principal
 from app.services.locations import change_location, delete_location, find_location, get_location
-from app.services.observe import QUICK_BYTES, begin, begin_quick, is_quick, observe
+from app.services.observe import QUICK_BYTES, QUICK_LOOKS, NotQuickError, begin, begin_quick, is_quick, observe
 from app.services.posts import Post
 from tests.support.contexts import NOW, history_of, make_location, post_rows, post_states, refit
 
@@ -204,6 +204,16 @@ def test_a_quick_post_is_stored_told_and_refused_as_any_other(ctx: Context) -> N
     assert futures[3].result().duplicate
     assert heard == [("observation", 2), ("anomaly", 1), ("observation", 3), ("anomaly", 2)]
     assert find_location(ctx, "door").observation_seq == 3
+
+
+def test_a_post_of_many_moments_is_not_quick_and_nothing_of_it_is_stored(ctx: Context) -> None:
+    learned_door(ctx)
+    times = [6000.0 + 60 * i for i in range(QUICK_LOOKS + 1)]
+    post = Post(Body(f'{{"time": {times}, "state": {[1] * len(times)}}}'.encode(), JSON))
+    with pytest.raises(NotQuickError):
+        begin_quick(ctx, "door", post).result(10)
+    assert find_location(ctx, "door").observation_seq == 1
+    assert begin(ctx, "door", post).result(10).accepted == len(times)
 
 
 def test_of_posts_in_one_group_only_those_that_are_wrong_are_refused(ctx: Context) -> None:
