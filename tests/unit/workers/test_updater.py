@@ -21,6 +21,7 @@ from app.services.locations import delete_location, find_location, get_location
 from app.services.predict import StateQuery, state_at
 from app.services.update import UpdateRequest
 from app.spectral.recipe import Recipe
+from app.storage.jobs import Jobs
 from app.storage.records import JobRecord, LocationRecord, RevisionRecord
 from app.storage.tables import history
 from app.workers import updater as updater_module
@@ -266,6 +267,34 @@ def test_the_end_of_a_job_is_stored_once_the_database_is_back(lively: Context, m
         assert get_job(lively, job.id).state == "running"
         monkeypatch.setattr("app.storage.store.Store.write", lambda _, *arguments: write(*arguments))
         assert until(lambda: finished(lively, job.id)).state == "done"
+
+
+def test_a_revision_is_visible_only_with_the_end_of_its_job(lively: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else one that dies between the two would run again, and publish twice."""
+    make_location(lively, "door")
+    post_states(lively, "door", [0.0, 60.0], [0, 1])
+    transition = Jobs.transition
+    tried: list[str] = []
+
+    def die(jobs: Jobs, job_id: int, expected: str, **values: Any) -> bool:
+        # Twice: the writer tries a write of a group again, alone.
+        if values["state"] == "done" and len(tried) < 2:
+            tried.append("done")
+            raise StorageUnavailableError
+        return transition(jobs, job_id, expected, **values)
+
+    def see(message: Message) -> None:
+        if message.data.get("state") == "running":
+            revisions.append(find_location(lively, "door").revision)
+
+    revisions: list[int] = []
+    lively.bus.subscribe(see)
+    monkeypatch.setattr(Jobs, "transition", die)
+    with working(lively):
+        job = request_update(lively, "door", STATIC)
+        assert until(lambda: finished(lively, job.id)).state == "done"
+    assert len(tried) == 2
+    assert revisions == [0, 0], "nothing of the first run was published"
 
 
 def test_a_job_runs_even_if_it_is_not_known_whether_it_was_claimed(
