@@ -10,6 +10,7 @@ from app.storage.keys import Keys
 from app.storage.locations import Locations
 from app.storage.observations import Observations
 from app.storage.spectra import Spectra
+from app.storage.terms import Terms
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +23,7 @@ class Work:
     anomalies: Anomalies
     jobs: Jobs
     keys: Keys
+    terms: Terms
 
     @classmethod
     def on(cls, connection: Connection) -> "Work":
@@ -33,4 +35,5 @@ class Work:
             Anomalies(connection),
             Jobs(connection),
             Keys(connection),
+            Terms(connection),
         )
