@@ -61,6 +61,9 @@ def cancel_job(ctx: Context, job_id: int) -> Job:
 
 def claim_job(ctx: Context, busy: frozenset[int]) -> JobRecord | None:
     """The next queued job of a location that is not busy, now running."""
+    with ctx.store.read() as work:
+        if not work.jobs.waiting():
+            return None
     record = ctx.store.write(lambda work: work.jobs.claim(busy))
     if record is not None:
         _tell(ctx, record)

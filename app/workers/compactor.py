@@ -9,6 +9,7 @@ from app.services.compaction import compact
 from app.services.context import Context
 from app.services.pruning import prune
 from app.storage.records import LocationRecord
+from app.workers.duty import Duty, Term
 from app.workers.worker import Worker
 
 log = logging.getLogger(__name__)
@@ -24,15 +25,20 @@ SLOWEST_S = 0.25
 
 
 class Compactor:
-    """One thread. The more comes in while it works, the more it compacts at once, and the less work a post is."""
+    """One thread. The more comes in while it works, the more it compacts at once, and the less work a post is.
 
-    def __init__(self, ctx: Context) -> None:
+    Off duty it compacts nothing, but it slows posts down all the same while whoever is on duty is late.
+    """
+
+    def __init__(self, ctx: Context, duty: Duty) -> None:
         self._ctx = ctx
+        self._duty = duty
         self._worker = Worker("compactor", ctx.settings.updater_interval_s, self._round)
         self._waiting = 0
         self._come_in = 0
         self._pruned = -math.inf
         self._unsubscribe: Callable[[], None] = lambda: None
+        duty.on_begin(self._worker.wake)
 
     def start(self) -> None:
         """Begin, unless the settings leave histories alone."""
@@ -69,14 +75,24 @@ class Compactor:
             places, waiting = work.locations.list(), work.observations.waiting()
         long = [place for place in places if is_long(place, waiting.get(place.id, 0))]
         self._waiting = sum(waiting.get(place.id, 0) for place in long)
-        self._worker.for_each(long, lambda place: compact(self._ctx, place, self._worker.check))
-        self._prune()
+        if (term := self._duty.term) is not None:
+            self._work(term, long)
 
-    def _prune(self) -> None:
-        now = self._ctx.clock()
+    def _work(self, term: Term, long: list[LocationRecord]) -> None:
+        ctx = term.limit(self._ctx)
+
+        def check() -> None:
+            self._worker.check()
+            term.check()
+
+        self._worker.for_each(long, lambda place: compact(ctx, place, check))
+        self._prune(ctx, check)
+
+    def _prune(self, ctx: Context, check: Callable[[], None]) -> None:
+        now = ctx.clock()
         if now - self._pruned >= PRUNE_EVERY_S:
             self._pruned = now
-            if pruned := prune(self._ctx, self._worker.check):
+            if pruned := prune(ctx, check):
                 log.info("%d rows of old posts and jobs were pruned", pruned)
 
 

@@ -21,8 +21,18 @@ from app.spectral.history import UNOBSERVED
 from app.storage.tables import observation
 from app.workers import compactor as compactor_module
 from app.workers.compactor import COMPACT_POSTS, Compactor
+from app.workers.duty import Duty
 from app.workers.updater import Updater
-from tests.support.contexts import Clock, compact_now, history_of, make_location, opened, post_rows, post_states
+from tests.support.contexts import (
+    Clock,
+    compact_now,
+    history_of,
+    make_location,
+    on_duty,
+    opened,
+    post_rows,
+    post_states,
+)
 from tests.support.waiting import until
 
 WAIT_S = 20.0
@@ -31,12 +41,13 @@ WAIT_S = 20.0
 @contextmanager
 def working(ctx: Context) -> Iterator[Compactor]:
     """A compactor at work."""
-    compactor = Compactor(ctx)
-    compactor.start()
-    try:
-        yield compactor
-    finally:
-        compactor.stop()
+    with on_duty(ctx) as duty:
+        compactor = Compactor(ctx, duty)
+        compactor.start()
+        try:
+            yield compactor
+        finally:
+            compactor.stop()
 
 
 @pytest.fixture
@@ -113,7 +124,7 @@ def test_many_short_logs_slow_nobody_down(lively: Context, monkeypatch: pytest.M
         post_states(lively, name, 60.0 * np.arange(9), np.ones(9))
     with working(lively) as compactor:
         looked = Event()
-        monkeypatch.setattr(compactor, "_prune", looked.set)
+        monkeypatch.setattr(compactor, "_prune", lambda *_: looked.set())
         assert looked.wait(WAIT_S)
         assert lively_rest(lively) == 0
 
@@ -138,20 +149,20 @@ def test_it_works_while_an_update_runs(lively: Context, monkeypatch: pytest.Monk
     monkeypatch.setattr(update, "_update_chunk", slow)
     make_location(lively, "door", estimator="static")
     post_many(lively, 1)
-    updater = Updater(lively)
-    updater.start()
-    try:
-        request_update(lively, "door", UpdateRequest())
-        assert begun.wait(WAIT_S)
-        with working(lively):
+    with working(lively) as compactor:
+        updater = Updater(lively, compactor._duty)
+        updater.start()
+        try:
+            request_update(lively, "door", UpdateRequest())
+            assert begun.wait(WAIT_S)
             post_many(lively, COMPACT_POSTS)
             until(lambda: compacted(lively) >= COMPACT_POSTS)
-        assert find_location(lively, "door").revision == 0
-        go_on.set()
-        until(lambda: find_location(lively, "door").revision == 1)
-    finally:
-        go_on.set()
-        updater.stop()
+            assert find_location(lively, "door").revision == 0
+            go_on.set()
+            until(lambda: find_location(lively, "door").revision == 1)
+        finally:
+            go_on.set()
+            updater.stop()
 
 
 def test_told_to_stop_in_a_round_it_stores_nothing_of_that_and_loses_nothing(
@@ -206,7 +217,7 @@ def test_it_can_be_told_to_leave_things_alone(sqlite_url: str) -> None:
 
 
 def test_one_that_never_started_can_be_stopped(lively: Context) -> None:
-    compactor = Compactor(lively)
+    compactor = Compactor(lively, Duty(lively))
     assert not compactor.alive()
     compactor.stop()
 

@@ -25,8 +25,9 @@ from app.storage.jobs import Jobs
 from app.storage.records import JobRecord, LocationRecord, RevisionRecord
 from app.storage.tables import history
 from app.workers import updater as updater_module
+from app.workers.duty import Duty
 from app.workers.updater import Updater, is_due
-from tests.support.contexts import NOW, Clock, compact_now, make_location, opened, post_rows, post_states
+from tests.support.contexts import NOW, Clock, compact_now, make_location, on_duty, opened, post_rows, post_states
 
 WAIT_S = 20.0
 STATIC = UpdateRequest(estimator="static")
@@ -35,12 +36,13 @@ STATIC = UpdateRequest(estimator="static")
 @contextmanager
 def working(ctx: Context) -> Iterator[Updater]:
     """An updater at work."""
-    updater = Updater(ctx)
-    updater.start()
-    try:
-        yield updater
-    finally:
-        updater.stop()
+    with on_duty(ctx) as duty:
+        updater = Updater(ctx, duty)
+        updater.start()
+        try:
+            yield updater
+        finally:
+            updater.stop()
 
 
 @pytest.fixture
@@ -378,6 +380,6 @@ def test_the_updater_can_be_told_to_leave_things_alone(sqlite_url: str) -> None:
 
 
 def test_an_updater_that_never_started_can_be_stopped(ctx: Context) -> None:
-    updater = Updater(ctx)
+    updater = Updater(ctx, Duty(ctx))
     assert not updater.alive()
     updater.stop()
