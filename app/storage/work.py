@@ -9,6 +9,7 @@ from app.storage.jobs import Jobs
 from app.storage.keys import Keys
 from app.storage.locations import Locations
 from app.storage.observations import Observations
+from app.storage.segments import Segments
 from app.storage.spectra import Spectra
 from app.storage.terms import Terms
 
@@ -19,6 +20,7 @@ class Work:
 
     locations: Locations
     observations: Observations
+    segments: Segments
     spectra: Spectra
     anomalies: Anomalies
     jobs: Jobs
@@ -31,6 +33,7 @@ class Work:
         return cls(
             Locations(connection),
             Observations(connection),
+            Segments(connection),
             Spectra(connection),
             Anomalies(connection),
             Jobs(connection),
