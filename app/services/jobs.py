@@ -75,8 +75,8 @@ def requeue_interrupted(ctx: Context) -> None:
     ctx.store.write(lambda work: work.jobs.requeue_running())
 
 
-def run_job(ctx: Context, record: JobRecord, executor: Executor) -> None:
-    """Run a claimed job to its end, whatever that is. BusyError leaves it running, to run again later."""
+def run_job(ctx: Context, record: JobRecord, executor: Executor) -> bool:
+    """Run a claimed job to its end; whether it did what it was to. BusyError leaves it running, to run again later."""
 
     def done(work: Work, revision: RevisionRecord) -> None:
         # With the revision: a job that dies between the two would run again, and publish another one.
@@ -96,6 +96,8 @@ def run_job(ctx: Context, record: JobRecord, executor: Executor) -> None:
     else:
         _tell_end(ctx, record)
         ctx.bus.publish(Message("update", record.location, revision.revision, ctx.clock(), _result(revision)))
+        return True
+    return False
 
 
 def _result(revision: RevisionRecord) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 import math
 import time
+from dataclasses import asdict
 
 from app.events.messages import Message
 from app.services.context import Context
@@ -10,6 +11,7 @@ from app.services.update import Executor, UpdateRequest
 from app.storage.records import LocationRecord, RevisionRecord
 from app.workers.duty import Duty, Term
 from app.workers.executors import Limited, LocalExecutor
+from app.workers.retries import Retries
 from app.workers.worker import Worker
 
 POLL_S = 1.0
@@ -26,6 +28,7 @@ class Updater:
         self._worker = Worker("updater", min(POLL_S, ctx.settings.updater_interval_s), self._round)
         self._settled: Term | None = None
         self._looked = -math.inf
+        self._retries = Retries(ctx.settings.update_rest_s, ctx.clock)
         self._asked: dict[int, float] = {}
         self._unsubscribe = ctx.bus.subscribe(self._listen)
         duty.on_begin(self._worker.wake)
@@ -73,7 +76,9 @@ class Updater:
     def _run_jobs(self, ctx: Context, executor: Executor) -> None:
         self._worker.check()
         while (job := claim_job(ctx, frozenset())) is not None:
-            run_job(ctx, job, executor)
+            told = self._retries.worked if run_job(ctx, job, executor) else self._retries.failed
+            if job.request == asdict(UpdateRequest()):
+                told(job.location_id)
             self._worker.check()
 
     def _look_around(self, ctx: Context) -> None:
@@ -85,7 +90,7 @@ class Updater:
     def _ask_for_update(self, ctx: Context, place: LocationRecord, revision: RevisionRecord | None) -> None:
         now = ctx.clock()
         rested = now - self._asked.get(place.id, -math.inf) >= ctx.settings.update_rest_s
-        if rested and is_due(ctx, place, revision):
+        if rested and self._retries.due(place.id) and is_due(ctx, place, revision):
             self._asked[place.id] = now
             request_update(ctx, place.name, UpdateRequest())
 
