@@ -271,6 +271,16 @@ class TooManyBodiesError(BusyError):
         )
 
 
+class OffDutyError(BusyError):
+    """Another process does the background work now."""
+
+    code = "off-duty"
+    title = "Off duty"
+
+    def __init__(self) -> None:
+        super().__init__("Another process on this database does the background work now; nothing was stored.")
+
+
 class CorruptChunkError(TidemapError):
     """A stored blob fails its checksum or cannot be read."""
 

@@ -63,7 +63,8 @@ def serve(ctx: Context, options: Options) -> int:
         url = _url(bound)
 
         def ready() -> None:
-            print(f"Tidemap is ready at {url}", flush=True)
+            # As one: print writes the end of a line by itself, and others log meanwhile.
+            print(f"Tidemap is ready at {url}\n", end="", flush=True)
             if options.demo:
                 stack.enter_context(_Demo(ctx, url))
 

@@ -12,6 +12,7 @@ from starlette.staticfiles import StaticFiles
 from app.api.main import BASE, create_app
 from app.services.context import Context
 from app.workers.compactor import Compactor
+from app.workers.duty import Duty
 from app.workers.updater import Updater
 from web.pages import routes
 from web.viewer import proxy
@@ -24,12 +25,17 @@ STATIC = Path(__file__).parent / "pages" / "static"
 def open_site(ctx: Context) -> Iterator[FastAPI]:
     """The application, its workers and viewer running."""
     with ExitStack() as stack:
-        workers: dict[str, Updater | Compactor] = {"updater": Updater(ctx), "compactor": Compactor(ctx)}
+        duty = Duty(ctx)
+        workers: dict[str, Updater | Compactor] = {"updater": Updater(ctx, duty), "compactor": Compactor(ctx, duty)}
+        duty.start()
+        # Left after they have ended, for then others begin.
+        stack.callback(duty.stop)
         for worker in workers.values():
             worker.start()
             stack.callback(worker.stop)
         stack.callback(_tell_to_end, workers.values())
-        site = create_app(ctx, {name: worker.alive for name, worker in workers.items()})
+        alive = {name: worker.alive for name, worker in (workers | {"watch": duty}).items()}
+        site = create_app(ctx, alive, lambda: duty.term is not None)
         site.mount("/static", StaticFiles(directory=STATIC), name="static")
         if ctx.settings.viewer:
             viewer = ViewerServer(ctx)

@@ -54,8 +54,12 @@ _DESCRIPTION = (
 )
 
 
-def create_app(ctx: Context, alive: Mapping[str, Callable[[], bool]] | None = None) -> FastAPI:
-    """The API over a context; `alive` tells /readyz of what runs in the background."""
+def create_app(
+    ctx: Context,
+    alive: Mapping[str, Callable[[], bool]] | None = None,
+    on_duty: Callable[[], bool] = lambda: False,
+) -> FastAPI:
+    """The API over a context; `alive` tells /readyz of what runs in the background, `on_duty` whether here."""
     app = FastAPI(
         title="Tidemap",
         summary=_SUMMARY,
@@ -73,7 +77,7 @@ def create_app(ctx: Context, alive: Mapping[str, Callable[[], bool]] | None = No
     app.state.parsing = ThreadPoolExecutor(os.cpu_count() or 1, "tidemap-posts")
     app.state.limits = Limits.of(ctx.settings)
     app.state.senders = Senders()
-    app.state.metrics = make_registry(ctx)
+    app.state.metrics = make_registry(ctx, on_duty)
     app.state.refused = count_refused(app.state.metrics)
     app.add_middleware(RequestMetrics, registry=app.state.metrics)
     errors.install(app)

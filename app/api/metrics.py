@@ -1,10 +1,10 @@
 """Metrics: requests by route and status, the commit queue, observations and anomalies."""
 
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from http import HTTPMethod
 
-from prometheus_client import CollectorRegistry, Counter, Histogram
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
 from prometheus_client.core import GaugeMetricFamily
 from prometheus_client.registry import Collector
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -28,10 +28,12 @@ class ContextCollector(Collector):
         yield GaugeMetricFamily("tidemap_damaged_blobs", "Stored blobs found corrupt.", self._ctx.damage.count())
 
 
-def make_registry(ctx: Context) -> CollectorRegistry:
-    """A registry fed by the bus."""
+def make_registry(ctx: Context, on_duty: Callable[[], bool] = lambda: False) -> CollectorRegistry:
+    """A registry fed by the bus; `on_duty` says whether this process does the background work."""
     registry = CollectorRegistry()
     registry.register(ContextCollector(ctx))
+    duty = Gauge("tidemap_background", "1 where the background work of the database is done.", registry=registry)
+    duty.set_function(on_duty)
     measurements = Counter("tidemap_measurements", "Measurements stored.", registry=registry)
     events = Counter("tidemap_events", "Messages by kind.", ["kind"], registry=registry)
 

@@ -1,6 +1,6 @@
 """Compaction: the log's tail becomes segments of the history, and what is older than `retention` is forgotten."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from itertools import pairwise
 
 import numpy as np
@@ -11,8 +11,9 @@ from app.services.history import by_chunk, by_segment, of_chunk, span
 from app.spectral.measurements import Measurements
 from app.spectral.segment import Segment, merge
 from app.storage.blobs import pack_segment
-from app.storage.observations import Packed, SegmentKey
+from app.storage.observations import Packed
 from app.storage.records import CHUNK_CELLS, LocationRecord
+from app.storage.segments import SegmentKey
 from app.storage.work import Work
 
 ROUND_MEASUREMENTS = 8_000_000
@@ -41,7 +42,7 @@ def forget(ctx: Context, place: LocationRecord) -> None:
     before = int(place.base.sample(place.last_time - place.retention_s))
     if before > span(place)[0]:
         with ctx.compacting:
-            ctx.store.write(lambda work: work.observations.forget(place, before))
+            ctx.store.write(lambda work: work.segments.forget(place, before))
         ctx.histories.drop(lambda key: isinstance(key, tuple) and key[0] == place.id)
 
 
@@ -60,7 +61,20 @@ def _compact_some(ctx: Context, location_id: int, target: int, check: Callable[[
         for key, payload in _merge_all(ctx, place, _split(parts)):
             merged[key] = payload
             check()
-        ctx.store.write(lambda work: work.observations.compact(place, rows[-1].number, merged, damaged))
+        ctx.store.write(lambda work: put_in_place(work, place, rows[-1].number, merged, damaged))
+    return True
+
+
+def put_in_place(
+    work: Work, place: LocationRecord, through: int, segments: Mapping[SegmentKey, bytes], damaged: Collection[int] = ()
+) -> bool:
+    """Put merged segments, packed, in place of the log up to number `through`; damaged observations stay in it.
+
+    False, and nothing done, when somebody else has compacted since `place` was read.
+    """
+    if not work.observations.settle(place, through, damaged):
+        return False
+    work.segments.put(place, segments)
     return True
 
 
@@ -103,8 +117,8 @@ def _before(ctx: Context, work: Work, place: LocationRecord, key: SegmentKey) ->
     """What is stored of a segment, and where; of a damaged one what was put aside for it."""
     chunk, number = key
     try:
-        return key, work.observations.segments(place, chunk, number, number).get(number)
+        return key, work.segments.of_chunk(place, chunk, number, number).get(number)
     except CorruptChunkError as error:
         # Its bytes stay as they are, for whoever can mend them; what is new is kept beside them.
         ctx.damage.found(place.id, error)
-        return (-1 - chunk, number), work.observations.put_aside(place, chunk, number)
+        return (-1 - chunk, number), work.segments.put_aside(place, chunk, number)

@@ -143,7 +143,7 @@ def _segments(place: LocationRecord, start: int, stop: int) -> tuple[int, int]:
 
 
 def _assemble(ctx: Context, work: Work, place: LocationRecord, chunk: int, first: int, last: int) -> History:
-    segments = work.observations.segments(place, chunk, first, last)
+    segments = work.segments.of_chunk(place, chunk, first, last)
     for number, new in by_segment(place, _tail(ctx, work, place, chunk)):
         if first <= number <= last:
             before = segments.get(number) or Segment.empty(place.chunk_size(chunk), number)

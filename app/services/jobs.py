@@ -4,6 +4,7 @@ import logging
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict
+from typing import Any
 
 from app.errors import (
     BusyError,
@@ -16,7 +17,8 @@ from app.events.messages import Message
 from app.schemas.jobs import Job
 from app.services.context import Context
 from app.services.update import Executor, UpdateRequest, run_update
-from app.storage.records import JobRecord
+from app.storage.records import JobRecord, RevisionRecord
+from app.storage.work import Work
 
 log = logging.getLogger(__name__)
 PROGRESS_STEP = 0.02
@@ -59,6 +61,9 @@ def cancel_job(ctx: Context, job_id: int) -> Job:
 
 def claim_job(ctx: Context, busy: frozenset[int]) -> JobRecord | None:
     """The next queued job of a location that is not busy, now running."""
+    with ctx.store.read() as work:
+        if not work.jobs.waiting():
+            return None
     record = ctx.store.write(lambda work: work.jobs.claim(busy))
     if record is not None:
         _tell(ctx, record)
@@ -70,23 +75,33 @@ def requeue_interrupted(ctx: Context) -> None:
     ctx.store.write(lambda work: work.jobs.requeue_running())
 
 
-def run_job(ctx: Context, record: JobRecord, executor: Executor) -> None:
-    """Run a claimed job to its end, whatever that is. BusyError leaves it running, to run again later."""
+def run_job(ctx: Context, record: JobRecord, executor: Executor) -> bool:
+    """Run a claimed job to its end; whether it did what it was to. BusyError leaves it running, to run again later."""
+
+    def done(work: Work, revision: RevisionRecord) -> None:
+        # With the revision: a job that dies between the two would run again, and publish another one.
+        ended = {"state": "done", "progress": 1.0, "result": _result(revision), "finished_at": ctx.clock()}
+        work.jobs.transition(record.id, "running", **ended)
+
     try:
-        revision = run_update(
-            ctx, record.location_id, UpdateRequest(**record.request), executor, _reporter(ctx, record)
-        )
+        request = UpdateRequest(**record.request)
+        revision = run_update(ctx, record.location_id, request, executor, _reporter(ctx, record), done)
     except BusyError:
         raise
     except TidemapError as error:
-        _finish(ctx, record, state="failed", error=str(error))
+        _fail(ctx, record, str(error))
     except Exception as error:
         log.exception("job %d failed", record.id)
-        _finish(ctx, record, state="failed", error=f"{type(error).__name__}: {error}")
+        _fail(ctx, record, f"{type(error).__name__}: {error}")
     else:
-        result = {name: getattr(revision, name) for name in ("revision", "estimator", "order", "accuracy", "selection")}
-        _finish(ctx, record, state="done", progress=1.0, result=result)
-        ctx.bus.publish(Message("update", record.location, revision.revision, ctx.clock(), result))
+        _tell_end(ctx, record)
+        ctx.bus.publish(Message("update", record.location, revision.revision, ctx.clock(), _result(revision)))
+        return True
+    return False
+
+
+def _result(revision: RevisionRecord) -> dict[str, Any]:
+    return {name: getattr(revision, name) for name in ("revision", "estimator", "order", "accuracy", "selection")}
 
 
 def _reporter(ctx: Context, record: JobRecord) -> Callable[[float], None]:
@@ -102,8 +117,13 @@ def _reporter(ctx: Context, record: JobRecord) -> Callable[[float], None]:
     return report
 
 
-def _finish(ctx: Context, record: JobRecord, **values: object) -> None:
-    ctx.store.write(lambda work: work.jobs.transition(record.id, "running", finished_at=ctx.clock(), **values))
+def _fail(ctx: Context, record: JobRecord, error: str) -> None:
+    ended = {"state": "failed", "error": error, "finished_at": ctx.clock()}
+    ctx.store.write(lambda work: work.jobs.transition(record.id, "running", **ended))
+    _tell_end(ctx, record)
+
+
+def _tell_end(ctx: Context, record: JobRecord) -> None:
     try:
         with ctx.store.read() as work:
             _tell(ctx, work.jobs.get(record.id))

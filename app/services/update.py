@@ -17,6 +17,7 @@ from app.spectral.recipe import Recipe
 from app.spectral.selection import Selection, choose
 from app.spectral.window import fit_window
 from app.storage.records import LocationRecord, RevisionRecord
+from app.storage.work import Work
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")
@@ -62,10 +63,16 @@ class Plan:
 
 
 def run_update(
-    ctx: Context, location_id: int, request: UpdateRequest, executor: Executor, progress: Callable[[float], None]
+    ctx: Context,
+    location_id: int,
+    request: UpdateRequest,
+    executor: Executor,
+    progress: Callable[[float], None],
+    also: Callable[[Work, RevisionRecord], object] = lambda work, revision: None,
 ) -> RevisionRecord:
     """A new revision, visible once its last chunk is stored. Chunks whose history is damaged are left out of it.
 
+    `also` writes in the transaction that makes it visible.
     Raises LocationNotFoundError, InvalidInputError when there is nothing to fit, CorruptChunkError when nothing of it
     can be read, ShuttingDownError when the executor is closed.
     """
@@ -88,7 +95,12 @@ def run_update(
     if not damage:
         ctx.damage.forget(plan.place.id)
     record = _revision(ctx, plan, 1 - wrong / observed if observed else None)
-    ctx.store.write(lambda work: work.spectra.publish(record), lambda _: ctx.places.forget())
+
+    def publish(work: Work) -> None:
+        work.spectra.publish(record)
+        also(work, record)
+
+    ctx.store.write(publish, lambda _: ctx.places.forget())
     ctx.spectra.drop(lambda key: isinstance(key, tuple) and key[0] == plan.place.id)
     return record
 

@@ -20,6 +20,10 @@ _PRAGMAS = (
 )
 OVERFLOW = 32
 """Connections beyond those kept, so that no request, of which 40 run at once, waits for one."""
+GIVEN_UP_S = 15
+"""How long PostgreSQL keeps what a process holds that is frozen, or has vanished with its machine."""
+WATCH_S = 5
+"""How long a watch, which tries again each second, waits for a connection and for a row's lock."""
 
 
 def open_reader(url: str) -> Engine:
@@ -36,7 +40,27 @@ def open_writer(url: str) -> Engine:
     parsed = make_url(url)
     if parsed.get_backend_name() == "sqlite":
         return _sqlite(parsed, begin="BEGIN IMMEDIATE", pool_size=1, pool_reset_on_return=None)
-    return create_engine(parsed, pool_pre_ping=True, pool_size=2, pool_reset_on_return=None)
+    engine = create_engine(parsed, pool_pre_ping=True, pool_size=2, pool_reset_on_return=None)
+    return _set(engine, idle_in_transaction_session_timeout=GIVEN_UP_S)
+
+
+def open_watch(url: str) -> Engine:
+    """An engine of PostgreSQL for a connection that is used every second, so that both ends notice when it is lost."""
+    patience = {"connect_timeout": WATCH_S, "tcp_user_timeout": GIVEN_UP_S * 1000}
+    engine = create_engine(url, poolclass=NullPool, isolation_level="AUTOCOMMIT", connect_args=patience)
+    return _set(engine, idle_session_timeout=GIVEN_UP_S, lock_timeout=WATCH_S)
+
+
+def _set(engine: Engine, **seconds: int) -> Engine:
+    """Have PostgreSQL lose patience with every connection of an engine after so long."""
+
+    @event.listens_for(engine, "connect")
+    def _prepare(connection: Any, _record: object) -> None:
+        for name, value in seconds.items():
+            connection.execute(f"SET {name} = '{value}s'")
+        connection.commit()
+
+    return engine
 
 
 def open_inspector(url: str) -> Engine:

@@ -14,6 +14,8 @@ from app.storage.tables import job, location
 
 _ROWS = select(job, location.c.name.label("location")).join(location, location.c.id == job.c.location_id)
 
+_QUEUED = select(job.c.id).where(job.c.state == "queued").limit(1)
+
 
 class Jobs:
     """Jobs in the order in which they were asked for."""
@@ -43,6 +45,10 @@ class Jobs:
         if location_name is not None:
             query = query.where(location.c.name == location_name)
         return [_record(row) for row in self._connection.execute(query).mappings()]
+
+    def waiting(self) -> bool:
+        """Whether any job is queued."""
+        return self._connection.execute(_QUEUED).first() is not None
 
     def claim(self, now_running: frozenset[int]) -> JobRecord | None:
         """The oldest queued job whose location is not among those running here, set to running."""

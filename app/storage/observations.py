@@ -1,10 +1,9 @@
-"""The repository of the observation log and of the compacted history."""
+"""The repository of the observation log."""
 
-from collections.abc import Callable, Collection, Generator, Mapping, Sequence
-from contextlib import closing, suppress
+from collections.abc import Callable, Collection, Generator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from itertools import takewhile
-from typing import Any
 
 from sqlalchemy import (
     BindParameter,
@@ -25,15 +24,12 @@ from sqlalchemy import (
 
 from app.errors import CorruptChunkError
 from app.spectral.measurements import Measurements
-from app.spectral.segment import SEGMENT_SAMPLES, Segment, forget, merge, standing
-from app.storage.blobs import pack_segment, unpack_measurements, unpack_segment
+from app.storage.blobs import unpack_measurements
 from app.storage.records import LocationRecord, ObservationRecord
-from app.storage.tables import history, location, observation
+from app.storage.tables import location, observation
 
 GIVEN_BACK = 4096
 """Pages of the file that are given back at once."""
-SegmentKey = tuple[int, int]
-"""(chunk, segment); chunk -1 - n holds what came in for chunk n while its own segment was damaged."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,7 +55,7 @@ class Tail:
 
 
 class Observations:
-    """The log and the history of locations."""
+    """The log of locations: what was posted, and of it the tail that is not compacted yet."""
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
@@ -139,44 +135,8 @@ class Observations:
         )
         return {row[0]: int(row[1]) for row in self._connection.execute(query)}
 
-    def segments(self, place: LocationRecord, chunk: int, first: int, last: int) -> dict[int, Segment]:
-        """The stored segments of a chunk with numbers in [first, last], with what was put aside for them.
-
-        Raises CorruptChunkError where one of them is damaged.
-        """
-        stored = self._stored(place, (chunk, -1 - chunk), first, last)
-        segments = {number: segment for (at, number), segment in stored.items() if at == chunk}
-        for (at, number), segment in stored.items():
-            if at != chunk:
-                before = segments.get(number)
-                more = standing(segment, place.base)
-                segments[number] = segment if before is None else merge(before, more, place.base)
-        return segments
-
-    def put_aside(self, place: LocationRecord, chunk: int, number: int) -> Segment | None:
-        """What came in for a segment while it was damaged. Raises CorruptChunkError where that is damaged too."""
-        return self._stored(place, (-1 - chunk,), number, number).get((-1 - chunk, number))
-
-    def _stored(
-        self, place: LocationRecord, chunks: tuple[int, ...], first: int, last: int
-    ) -> dict[SegmentKey, Segment]:
-        query = (
-            select(history.c.chunk, history.c.segment, history.c.payload)
-            .where(history.c.location_id == place.id, history.c.chunk.in_(chunks))
-            .where(history.c.segment >= first, history.c.segment <= last)
-        )
-        # Closed whatever is raised: a statement left open would show every later reader this moment's rows.
-        with self._connection.execute(query) as rows:
-            return {(row.chunk, row.segment): _unpack(place, row) for row in rows}
-
-    def compact(
-        self,
-        place: LocationRecord,
-        through: int,
-        segments: Mapping[SegmentKey, bytes],
-        damaged: Collection[int] = (),
-    ) -> bool:
-        """Put merged segments, packed, in place of the log up to number `through`; damaged observations stay in it.
+    def settle(self, place: LocationRecord, through: int, damaged: Collection[int] = ()) -> bool:
+        """Have the log compacted up to number `through`; damaged observations stay in it.
 
         False, and nothing done, when somebody else has compacted since `place` was read.
         """
@@ -187,11 +147,6 @@ class Observations:
         )
         if claimed.rowcount != 1:
             return False
-        for (chunk, number), payload in segments.items():
-            self._put(place.id, chunk, number, payload)
-        for chunk, number in self._asides(place):
-            if (-1 - chunk, number) in segments:
-                self._connection.execute(delete(history).where(*_at(place.id, chunk, number)))
         self._empty(place, through, damaged)
         return True
 
@@ -217,29 +172,6 @@ class Observations:
             # Python's driver stops after the first page of many.
             self._connection.exec_driver_sql("PRAGMA incremental_vacuum(1)")
 
-    def _asides(self, place: LocationRecord) -> list[SegmentKey]:
-        """Where something is put aside: nowhere, unless something is damaged."""
-        query = select(history.c.chunk, history.c.segment).where(history.c.location_id == place.id, history.c.chunk < 0)
-        return [(row.chunk, row.segment) for row in self._connection.execute(query)]
-
-    def forget(self, place: LocationRecord, before: int) -> None:
-        """Drop the compacted history before a sample, all of it and nothing else.
-
-        Of a damaged segment that lies on both sides of it nothing can be dropped yet.
-        """
-        border = before // SEGMENT_SAMPLES
-        mine = history.c.location_id == place.id
-        self._connection.execute(delete(history).where(mine, history.c.segment < border))
-        chunks = select(history.c.chunk).where(mine, history.c.segment == border)
-        for chunk in self._connection.execute(chunks).scalars().all():
-            with suppress(CorruptChunkError):
-                segment = self._stored(place, (chunk,), border, border)[chunk, border]
-                self._put(place.id, chunk, border, pack_segment(forget(segment, before, place.base)))
-        first = float(place.base.time(before))
-        self._connection.execute(
-            update(location).where(location.c.id == place.id, location.c.first_time < first).values(first_time=first)
-        )
-
     def prunable(self, location_id: int, before: float, most: int) -> int | None:
         """The last of the earliest observations that are compacted and were received before a time; None without any.
 
@@ -259,25 +191,6 @@ class Observations:
         """Drop the log up to an observation that is `prunable`, with the idempotency keys in it; how many rows."""
         mine = (observation.c.location_id == location_id) & (observation.c.id <= through)
         return self._connection.execute(delete(observation).where(mine)).rowcount
-
-    def _put(self, location_id: int, chunk: int, number: int, payload: bytes) -> None:
-        stored = self._connection.execute(
-            update(history).where(*_at(location_id, chunk, number)).values(payload=payload)
-        )
-        if stored.rowcount == 0:
-            row = {"location_id": location_id, "chunk": chunk, "segment": number, "payload": payload}
-            self._connection.execute(insert(history).values(**row))
-
-
-def _unpack(place: LocationRecord, row: Any) -> Segment:
-    chunk, aside = (row.chunk, "") if row.chunk >= 0 else (-1 - row.chunk, " put aside")
-    what = f"history{aside} of location {place.name!r}, chunk {chunk}, segment {row.segment}"
-    return unpack_segment(row.payload, row.segment, what)
-
-
-def _at(location_id: int, chunk: int, number: int) -> tuple[ColumnElement[bool], ...]:
-    """The row of one segment."""
-    return history.c.location_id == location_id, history.c.chunk == chunk, history.c.segment == number
 
 
 def _unless(column: Column[float], passed: ColumnElement[bool], value: BindParameter[float]) -> Case[float]:

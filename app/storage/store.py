@@ -3,6 +3,8 @@
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
+from copy import copy
+from functools import partial
 from typing import TypeVar
 
 from sqlalchemy import Connection, make_url
@@ -65,6 +67,7 @@ class Store:
     """Open with the URL of a migrated database; SchemaVersionError otherwise."""
 
     def __init__(self, url: str, commit_queue: int = 1024, commit_batch: int = 128) -> None:
+        self._guard: Callable[[Work], None] = lambda work: None
         self._reading = Trouble("read")
         self._gate = Gate()
         self._reader = open_reader(url)
@@ -100,9 +103,15 @@ class Store:
             check_version(connection)
             transaction.rollback()
 
+    def guarded(self, guard: Callable[[Work], None]) -> "Store":
+        """The same store; a write by `submit` or `write` calls `guard` first, and fails with what that raises."""
+        other = copy(self)
+        other._guard = guard
+        return other
+
     def submit(self, run: Callable[[Work], Result], then: Callable[[Result], None] | None = None) -> Future[Result]:
         """Queue a write; see `Writer.submit`."""
-        return self._writer.submit(run, then)
+        return self._writer.submit(partial(self._run, run), then)
 
     def submit_item(
         self, run_all: RunAll[Item, Result], item: Item, then: Callable[[Result], None] | None = None
@@ -118,7 +127,11 @@ class Store:
 
     def write(self, run: Callable[[Work], Result], then: Callable[[Result], None] | None = None) -> Result:
         """Queue a write and wait until it is durable; `then` as in `Writer.submit`."""
-        return self._writer.submit(run, then).result()
+        return self._writer.submit(partial(self._run, run), then).result()
+
+    def _run(self, run: Callable[[Work], Result], work: Work) -> Result:
+        self._guard(work)
+        return run(work)
 
     def slow_down(self, rest_s: float) -> None:
         """Let the writer rest so long after every group commit, from now on: whoever posts waits for it."""

@@ -9,7 +9,9 @@ from app.storage.jobs import Jobs
 from app.storage.keys import Keys
 from app.storage.locations import Locations
 from app.storage.observations import Observations
+from app.storage.segments import Segments
 from app.storage.spectra import Spectra
+from app.storage.terms import Terms
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,10 +20,12 @@ class Work:
 
     locations: Locations
     observations: Observations
+    segments: Segments
     spectra: Spectra
     anomalies: Anomalies
     jobs: Jobs
     keys: Keys
+    terms: Terms
 
     @classmethod
     def on(cls, connection: Connection) -> "Work":
@@ -29,8 +33,10 @@ class Work:
         return cls(
             Locations(connection),
             Observations(connection),
+            Segments(connection),
             Spectra(connection),
             Anomalies(connection),
             Jobs(connection),
             Keys(connection),
+            Terms(connection),
         )

@@ -2,13 +2,17 @@
 
 import logging
 import math
+import time
 from collections.abc import Callable
 
+from app.errors import BusyError
 from app.events.messages import Message
 from app.services.compaction import compact
 from app.services.context import Context
 from app.services.pruning import prune
 from app.storage.records import LocationRecord
+from app.workers.duty import Duty, Term
+from app.workers.retries import Retries
 from app.workers.worker import Worker
 
 log = logging.getLogger(__name__)
@@ -19,20 +23,31 @@ COMPACT_MEASUREMENTS = 2_000_000
 of a log that is compacted more often more is written, and more time taken from others."""
 LATE_MEASUREMENTS = 6_000_000
 """When more wait to be compacted, posts are slowed down: a question has to read them all."""
+FAILED_S = 10.0
+"""How long a location rests after its compaction has failed, and twice as long each time that it fails again."""
+STALLED_S = 600.0
+"""Posts do not wait for a log of which nothing was compacted for so long: whoever is on duty must have failed."""
 SLOWEST_S = 0.25
 """How long the writer rests at most after a group of posts."""
 
 
 class Compactor:
-    """One thread. The more comes in while it works, the more it compacts at once, and the less work a post is."""
+    """One thread. The more comes in while it works, the more it compacts at once, and the less work a post is.
 
-    def __init__(self, ctx: Context) -> None:
+    Off duty it compacts nothing, but it slows posts down all the same while whoever is on duty is late.
+    """
+
+    def __init__(self, ctx: Context, duty: Duty) -> None:
         self._ctx = ctx
+        self._duty = duty
         self._worker = Worker("compactor", ctx.settings.updater_interval_s, self._round)
+        self._retries = Retries(FAILED_S, time.monotonic)
+        self._stood: dict[tuple[int, int], float] = {}
         self._waiting = 0
         self._come_in = 0
         self._pruned = -math.inf
         self._unsubscribe: Callable[[], None] = lambda: None
+        duty.on_begin(self._worker.wake)
 
     def start(self) -> None:
         """Begin, unless the settings leave histories alone."""
@@ -68,15 +83,45 @@ class Compactor:
         with self._ctx.store.read() as work:
             places, waiting = work.locations.list(), work.observations.waiting()
         long = [place for place in places if is_long(place, waiting.get(place.id, 0))]
-        self._waiting = sum(waiting.get(place.id, 0) for place in long)
-        self._worker.for_each(long, lambda place: compact(self._ctx, place, self._worker.check))
-        self._prune()
+        self._waiting = sum(waiting.get(place.id, 0) for place in self._moving(long))
+        if (term := self._duty.term) is not None:
+            self._work(term, [place for place in long if self._retries.due(place.id)])
 
-    def _prune(self) -> None:
-        now = self._ctx.clock()
+    def _moving(self, long: list[LocationRecord]) -> list[LocationRecord]:
+        """Of locations with long logs those that posts wait for: where compaction fails that would be in vain."""
+        now, stood = time.monotonic(), self._stood
+        self._stood = {key: stood.get(key, now) for key in ((place.id, place.compacted_seq) for place in long)}
+        return [
+            place
+            for place in long
+            if not self._retries.fails(place.id) and now - self._stood[place.id, place.compacted_seq] < STALLED_S
+        ]
+
+    def _work(self, term: Term, long: list[LocationRecord]) -> None:
+        ctx = term.limit(self._ctx)
+
+        def check() -> None:
+            self._worker.check()
+            term.check()
+
+        self._worker.for_each(long, lambda place: self._compact(ctx, place, check))
+        self._prune(ctx, check)
+
+    def _compact(self, ctx: Context, place: LocationRecord, check: Callable[[], None]) -> None:
+        try:
+            compact(ctx, place, check)
+        except BusyError:
+            raise
+        except Exception:
+            self._retries.failed(place.id)
+            raise
+        self._retries.worked(place.id)
+
+    def _prune(self, ctx: Context, check: Callable[[], None]) -> None:
+        now = ctx.clock()
         if now - self._pruned >= PRUNE_EVERY_S:
             self._pruned = now
-            if pruned := prune(self._ctx, self._worker.check):
+            if pruned := prune(ctx, check):
                 log.info("%d rows of old posts and jobs were pruned", pruned)
 
 

@@ -2,12 +2,31 @@
 
 from collections.abc import Callable, Iterable
 from concurrent.futures import CancelledError, ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import TypeVar
 
 from app.errors import ShuttingDownError
+from app.services.update import Executor
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")
+
+
+@dataclass(frozen=True, slots=True)
+class Limited:
+    """Another executor, as long as `limit` raises nothing."""
+
+    executor: Executor
+    limit: Callable[[], None]
+
+    def map(self, task: Callable[[Item], Value], items: Iterable[Item]) -> Iterable[Value]:
+        """As the other one."""
+        return self.executor.map(task, items)
+
+    def check(self) -> None:
+        """Raises what either of the two raises."""
+        self.executor.check()
+        self.limit()
 
 
 class LocalExecutor:

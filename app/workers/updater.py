@@ -1,29 +1,40 @@
 """The updater: runs queued jobs and refits locations whose history has grown."""
 
 import math
+import time
+from dataclasses import asdict
 
 from app.events.messages import Message
 from app.services.context import Context
 from app.services.jobs import claim_job, request_update, requeue_interrupted, run_job
-from app.services.update import UpdateRequest
+from app.services.update import Executor, UpdateRequest
 from app.storage.records import LocationRecord, RevisionRecord
-from app.workers.executors import LocalExecutor
+from app.workers.duty import Duty, Term
+from app.workers.executors import Limited, LocalExecutor
+from app.workers.retries import Retries
 from app.workers.worker import Worker
+
+POLL_S = 1.0
+"""How often to look for jobs, which other processes queue without a word."""
 
 
 class Updater:
-    """One thread that takes job after job; an update's chunks run on the executor's threads."""
+    """One thread that takes job after job on duty; an update's chunks run on the executor's threads."""
 
-    def __init__(self, ctx: Context) -> None:
+    def __init__(self, ctx: Context, duty: Duty) -> None:
         self._ctx = ctx
+        self._duty = duty
         self._executor = LocalExecutor(ctx.settings.update_threads)
-        self._worker = Worker("updater", ctx.settings.updater_interval_s, self._round)
-        self._interrupted = True
+        self._worker = Worker("updater", min(POLL_S, ctx.settings.updater_interval_s), self._round)
+        self._settled: Term | None = None
+        self._looked = -math.inf
+        self._retries = Retries(ctx.settings.update_rest_s, ctx.clock)
         self._asked: dict[int, float] = {}
         self._unsubscribe = ctx.bus.subscribe(self._listen)
+        duty.on_begin(self._worker.wake)
 
     def start(self) -> None:
-        """Begin; jobs that a stopped process left running run again."""
+        """Begin; jobs that whoever was on duty before left running run again."""
         self._worker.start()
 
     def tell_to_end(self) -> None:
@@ -47,32 +58,41 @@ class Updater:
             self._worker.wake()
 
     def _round(self) -> None:
-        if self._interrupted:
+        if self._ctx.store.trouble() is not None:
+            # Nobody may post to a server that is not ready: it has to find out by itself when it can write again.
+            self._ctx.store.write(lambda work: None)
+        if (term := self._duty.term) is None:
+            return
+        ctx = term.limit(self._ctx)
+        if self._settled is not term:
             # Also a job that was claimed, or ended, when the database went away: nobody knows whether that is stored.
-            requeue_interrupted(self._ctx)
-        self._interrupted = True
-        self._run_jobs()
-        if self._ctx.settings.updater:
-            self._look_around()
-        self._interrupted = False
+            requeue_interrupted(ctx)
+        self._settled = None
+        self._run_jobs(ctx, Limited(self._executor, term.check))
+        if self._ctx.settings.updater and time.monotonic() - self._looked >= self._ctx.settings.updater_interval_s:
+            self._look_around(ctx)
+        self._settled = term
 
-    def _run_jobs(self) -> None:
+    def _run_jobs(self, ctx: Context, executor: Executor) -> None:
         self._worker.check()
-        while (job := claim_job(self._ctx, frozenset())) is not None:
-            run_job(self._ctx, job, self._executor)
+        while (job := claim_job(ctx, frozenset())) is not None:
+            told = self._retries.worked if run_job(ctx, job, executor) else self._retries.failed
+            if job.request == asdict(UpdateRequest()):
+                told(job.location_id)
             self._worker.check()
 
-    def _look_around(self) -> None:
-        with self._ctx.store.read() as work:
+    def _look_around(self, ctx: Context) -> None:
+        self._looked = time.monotonic()
+        with ctx.store.read() as work:
             places, revisions = work.locations.list(), work.spectra.current()
-        self._worker.for_each(places, lambda place: self._ask_for_update(place, revisions.get(place.id)))
+        self._worker.for_each(places, lambda place: self._ask_for_update(ctx, place, revisions.get(place.id)))
 
-    def _ask_for_update(self, place: LocationRecord, revision: RevisionRecord | None) -> None:
-        now = self._ctx.clock()
-        rested = now - self._asked.get(place.id, -math.inf) >= self._ctx.settings.update_rest_s
-        if rested and is_due(self._ctx, place, revision):
+    def _ask_for_update(self, ctx: Context, place: LocationRecord, revision: RevisionRecord | None) -> None:
+        now = ctx.clock()
+        rested = now - self._asked.get(place.id, -math.inf) >= ctx.settings.update_rest_s
+        if rested and self._retries.due(place.id) and is_due(ctx, place, revision):
             self._asked[place.id] = now
-            request_update(self._ctx, place.name, UpdateRequest())
+            request_update(ctx, place.name, UpdateRequest())
 
 
 def is_due(ctx: Context, place: LocationRecord, revision: RevisionRecord | None) -> bool:

@@ -9,6 +9,7 @@ from sqlalchemy import text
 from app.api.main import create_app
 from app.storage.engine import open_writer
 from tests.api.house import NOW, Api, Http, done, open_house, problem
+from tests.support.waiting import until
 
 MISSED = '/locations/{name}",status="404"} 1.0'
 
@@ -62,6 +63,12 @@ def test_metrics_are_for_prometheus(own: Api) -> None:
     assert "tidemap_commit_queue 0.0" in lines
 
     assert any(line.startswith("tidemap_request_seconds_count{") and MISSED in line for line in lines)
+
+
+def test_metrics_say_where_the_background_work_is_done(own: Api) -> None:
+    until(lambda: "tidemap_background 1.0" in root(own, "/metrics").text.splitlines())
+    site = create_app(own.ctx)
+    assert "tidemap_background 0.0" in Http(own.http.portal, site).request("GET", "/metrics").text.splitlines()
 
 
 def test_invented_methods_and_paths_make_no_new_series(own: Api) -> None:

@@ -16,8 +16,8 @@ from app.services.posts import Post
 from app.spectral.history import History
 from app.spectral.segment import SEGMENT_SAMPLES, Segment
 from app.storage.blobs import pack_segment
-from app.storage.observations import SegmentKey
 from app.storage.records import CHUNK_CELLS
+from app.storage.segments import SegmentKey
 
 NAME, SHAPE, INTERVAL_S, N_SAMPLES = "hall", (200, 200, 25), 300.0, 2016
 NOISE, EVERY = 0.02, 10
@@ -31,7 +31,7 @@ def make(ctx: Context, shape: tuple[int, ...] = SHAPE, estimator: str = "auto") 
     create_location(ctx, LocationForm(**form, estimator=estimator))
     place = find_location(ctx, NAME)
     for some in _groups(_segments(prod(shape)), 32):
-        ctx.store.write(lambda work, some=some: work.observations.compact(place, 0, some))
+        ctx.store.write(lambda work, some=some: work.segments.put(place, some))
     for time in (TIME[0], TIME[-1]):
         observe(ctx, NAME, Post(Body(arrow(look(time, np.zeros(0, np.uint32), np.array([1]))), ARROW)))
 

@@ -184,7 +184,7 @@ class TestHistory:
         assert state_at(ctx, "lab", StateQuery(0.0)).unavailable == []
         assert findings(ctx) == []
         with ctx.store.read() as work:
-            assert work.observations._asides(find_location(ctx, "lab")) == []
+            assert work.segments._asides(find_location(ctx, "lab")) == []
 
     def test_where_it_is_given_up_what_came_in_since_is_there(self, ctx: Context) -> None:
         make_lab(ctx)

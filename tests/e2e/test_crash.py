@@ -25,7 +25,7 @@ def test_a_server_killed_twenty_times_has_lost_nothing(server: StartServer, data
     running = server(database_url=database_url, env=RESTLESS, launch=Forked)
     make_places(running.url)
     chance = dice()
-    with fleet_at_work(running.url, tmp_path) as fleet:
+    with fleet_at_work(tmp_path, running.url) as fleet:
         for _ in range(KILLS):
             fleet.wait_for_answers(1)
             time.sleep(chance.uniform(0, LONGEST_S))
@@ -62,7 +62,7 @@ def test_a_server_killed_while_it_makes_its_database(
 def test_a_server_told_to_stop_finishes_what_it_took(server: StartServer, tmp_path: Path) -> None:
     running = server(env=RESTLESS, launch=Forked)
     make_places(running.url)
-    with fleet_at_work(running.url, tmp_path) as fleet:
+    with fleet_at_work(tmp_path, running.url) as fleet:
         fleet.wait_for_answers(20)
         assert running.stop() == 0
         running.restart()

@@ -34,7 +34,7 @@ def test_a_database_that_dies_and_comes_back(server: StartServer, mortal: Postgr
         Site(server(database_url=url, env=RESTLESS, launch=Forked)) as site,
     ):
         make_places(site.server.url)
-        with fleet_at_work(site.server.url, tmp_path) as fleet:
+        with fleet_at_work(tmp_path, site.server.url) as fleet:
             for how in chance.sample(ENDS, len(ENDS)):
                 fleet.wait_for_answers(5)
                 time.sleep(chance.uniform(0, LONGEST_S))

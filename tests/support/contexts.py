@@ -20,6 +20,7 @@ from app.settings import Settings
 from app.spectral.history import History
 from app.spectral.measurements import Measurements
 from app.storage.records import RevisionRecord
+from app.workers.duty import Duty
 from tests.support.truth import Row, measurements_of
 
 NOW = 1_700_000_000.0
@@ -52,6 +53,17 @@ def opened(url: str, clock: Clock | None = None, **settings: Any) -> Iterator[Co
     chosen = Settings(database_url=url, **{"updater": False, **settings})
     with open_context(chosen, clock or Clock()) as ctx:
         yield ctx
+
+
+@contextmanager
+def on_duty(ctx: Context) -> Iterator[Duty]:
+    """This process does the background work, unless another one does already."""
+    duty = Duty(ctx)
+    duty.start()
+    try:
+        yield duty
+    finally:
+        duty.stop()
 
 
 def make_location(ctx: Context, name: str = "lab", shape: Sequence[int] | None = None, **form: Any) -> Location:

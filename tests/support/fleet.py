@@ -6,6 +6,7 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -112,18 +113,18 @@ class Fleet:
 
 
 @contextmanager
-def fleet_at_work(url: str, folder: Path) -> Iterator[Fleet]:
-    """Robots at work on the server at `url` until the end of the block; then all that they kept is delivered."""
+def fleet_at_work(folder: Path, *urls: str) -> Iterator[Fleet]:
+    """Robots at work until the end of the block, each on one of the servers; then all that they kept is delivered."""
     with ExitStack() as stack:
         stop = threading.Event()
         fleet = Fleet(
             [
                 OutboxRobot(n, stack.enter_context(Client(url, outbox=folder / f"{n}.db", patience=EAGER)))
-                for n in range(WITH_OUTBOX)
+                for n, url in zip(range(WITH_OUTBOX), cycle(urls), strict=False)
             ],
             [
                 DirectRobot(WITH_OUTBOX + n, stack.enter_context(Client(url, patience=ONCE)))
-                for n in range(WITHOUT_OUTBOX)
+                for n, url in zip(range(WITHOUT_OUTBOX), cycle(urls), strict=False)
             ],
         )
         pool = stack.enter_context(ThreadPoolExecutor(WITH_OUTBOX + WITHOUT_OUTBOX))

@@ -73,7 +73,7 @@ def prepare(ctx: Context, shape: tuple[int, int, int]) -> None:
         times = np.arange(start, min(year.n_samples, start + SEGMENT_SAMPLES)) * INTERVAL_S
         blob = pack_segment(Segment(part, times, None))
         some = {(chunk, number): blob for chunk in range(place.n_chunks)}
-        ctx.store.write(lambda work, some=some: work.observations.compact(place, 0, some))
+        ctx.store.write(lambda work, some=some: work.segments.put(place, some))
     for time_s in (0.0, (year.n_samples - 1) * INTERVAL_S):
         observe(ctx, NAME, Post(Body(arrow(look(time_s, np.zeros(0, np.uint32), np.array([1]))), ARROW)))
 

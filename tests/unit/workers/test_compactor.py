@@ -1,7 +1,8 @@
 """The compactor: logs stay short whatever the updater does, old rows go, and it ends at once."""
 
+import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from threading import Event
@@ -9,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sqlalchemy import func, select
+from sqlalchemy import func, select, update
 
 from app.errors import ShuttingDownError
 from app.services import compaction
@@ -18,11 +19,23 @@ from app.services.jobs import request_update
 from app.services.locations import find_location
 from app.services.update import UpdateRequest
 from app.spectral.history import UNOBSERVED
-from app.storage.tables import observation
+from app.storage.records import LocationRecord
+from app.storage.tables import history, observation
+from app.storage.work import Work
 from app.workers import compactor as compactor_module
 from app.workers.compactor import COMPACT_POSTS, Compactor
+from app.workers.duty import Duty
 from app.workers.updater import Updater
-from tests.support.contexts import Clock, compact_now, history_of, make_location, opened, post_rows, post_states
+from tests.support.contexts import (
+    Clock,
+    compact_now,
+    history_of,
+    make_location,
+    on_duty,
+    opened,
+    post_rows,
+    post_states,
+)
 from tests.support.waiting import until
 
 WAIT_S = 20.0
@@ -31,12 +44,13 @@ WAIT_S = 20.0
 @contextmanager
 def working(ctx: Context) -> Iterator[Compactor]:
     """A compactor at work."""
-    compactor = Compactor(ctx)
-    compactor.start()
-    try:
-        yield compactor
-    finally:
-        compactor.stop()
+    with on_duty(ctx) as duty:
+        compactor = Compactor(ctx, duty)
+        compactor.start()
+        try:
+            yield compactor
+        finally:
+            compactor.stop()
 
 
 @pytest.fixture
@@ -113,7 +127,7 @@ def test_many_short_logs_slow_nobody_down(lively: Context, monkeypatch: pytest.M
         post_states(lively, name, 60.0 * np.arange(9), np.ones(9))
     with working(lively) as compactor:
         looked = Event()
-        monkeypatch.setattr(compactor, "_prune", looked.set)
+        monkeypatch.setattr(compactor, "_prune", lambda *_: looked.set())
         assert looked.wait(WAIT_S)
         assert lively_rest(lively) == 0
 
@@ -122,6 +136,86 @@ def lively_rest(ctx: Context) -> float:
     """How long the writer rests after a post."""
     post_states(ctx, "door", [0.0], [1])
     return ctx.store._writer.rest_s
+
+
+def damage(ctx: Context, chunk: int) -> bytes:
+    """Make a stored segment of the lab unreadable; what it was."""
+    mine = (history.c.location_id == find_location(ctx, "lab").id) & (history.c.chunk == chunk)
+
+    def run(work: Work) -> bytes:
+        connection = work.jobs._connection
+        sound = bytes(connection.execute(select(history.c.payload).where(mine)).scalar_one())
+        connection.execute(update(history).where(mine).values(payload=sound[:-1]))
+        return sound
+
+    return ctx.store.write(run)
+
+
+def make_hopeless(ctx: Context) -> bytes:
+    """A lab whose history is damaged, and what was put aside for it too: it cannot be compacted. What that was."""
+    make_location(ctx, "lab", (4, 4))
+    for damaged in (0, -1):
+        post_rows(ctx, "lab", [(0.0, 3, 1)])
+        compact_now(ctx)
+        sound = damage(ctx, damaged)
+    for _ in range(COMPACT_POSTS):
+        post_rows(ctx, "lab", [(60.0, 3, 1)])
+    return sound
+
+
+def test_a_location_that_cannot_be_compacted_is_tried_ever_more_rarely_and_nobody_waits_for_it(
+    lively: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried: list[str] = []
+
+    def compact(ctx: Context, place: LocationRecord, check: Callable[[], None]) -> None:
+        tried.append(place.name)
+        compaction.compact(ctx, place, check)
+
+    monkeypatch.setattr(compactor_module, "compact", compact)
+    monkeypatch.setattr(compactor_module, "LATE_MEASUREMENTS", 10)
+    monkeypatch.setattr(compactor_module, "FAILED_S", 0.5)
+    aside = make_hopeless(lively)
+    make_location(lively, "door")
+    with working(lively) as compactor:
+        until(lambda: compactor._retries.fails(find_location(lively, "lab").id))
+        until(lambda: not lively_rest(lively))
+        began = time.monotonic()
+        post_many(lively, COMPACT_POSTS)
+        until(lambda: compacted(lively) >= COMPACT_POSTS)
+        time.sleep(0.5)
+        assert not lively_rest(lively)
+        # At 0, 0.5, 1.5, 3.5, … instead of fifty times a second.
+        assert tried.count("lab") <= 2 + math.log2(1 + (time.monotonic() - began) / 0.5)
+        mine = history.c.chunk == -1
+        lively.store.write(
+            lambda work: work.jobs._connection.execute(update(history).where(mine).values(payload=aside))
+        )
+        until(lambda: compacted(lively, "lab") == COMPACT_POSTS + 2)
+        until(lambda: not compactor._retries.fails(find_location(lively, "lab").id))
+
+
+def test_off_duty_nobody_waits_long_for_a_location_that_is_not_compacted(
+    lively: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compactor_module, "LATE_MEASUREMENTS", 10)
+    monkeypatch.setattr(compactor_module, "STALLED_S", 0.5)
+    make_location(lively, "door")
+    post_many(lively, COMPACT_POSTS)
+    with on_duty(lively) as duty:
+        until(lambda: duty.term is not None)
+        other = Duty(lively)
+        compactor = Compactor(lively, other)
+        compactor.start()
+        try:
+            until(lambda: compactor._waiting >= COMPACT_POSTS)
+            until(lambda: compactor._waiting == 0)
+            assert compacted(lively) == 0
+            compact_now(lively, "door")
+            post_many(lively, COMPACT_POSTS)
+            until(lambda: compactor._waiting >= COMPACT_POSTS)
+        finally:
+            compactor.stop()
 
 
 def test_it_works_while_an_update_runs(lively: Context, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -138,20 +232,20 @@ def test_it_works_while_an_update_runs(lively: Context, monkeypatch: pytest.Monk
     monkeypatch.setattr(update, "_update_chunk", slow)
     make_location(lively, "door", estimator="static")
     post_many(lively, 1)
-    updater = Updater(lively)
-    updater.start()
-    try:
-        request_update(lively, "door", UpdateRequest())
-        assert begun.wait(WAIT_S)
-        with working(lively):
+    with working(lively) as compactor:
+        updater = Updater(lively, compactor._duty)
+        updater.start()
+        try:
+            request_update(lively, "door", UpdateRequest())
+            assert begun.wait(WAIT_S)
             post_many(lively, COMPACT_POSTS)
             until(lambda: compacted(lively) >= COMPACT_POSTS)
-        assert find_location(lively, "door").revision == 0
-        go_on.set()
-        until(lambda: find_location(lively, "door").revision == 1)
-    finally:
-        go_on.set()
-        updater.stop()
+            assert find_location(lively, "door").revision == 0
+            go_on.set()
+            until(lambda: find_location(lively, "door").revision == 1)
+        finally:
+            go_on.set()
+            updater.stop()
 
 
 def test_told_to_stop_in_a_round_it_stores_nothing_of_that_and_loses_nothing(
@@ -206,7 +300,7 @@ def test_it_can_be_told_to_leave_things_alone(sqlite_url: str) -> None:
 
 
 def test_one_that_never_started_can_be_stopped(lively: Context) -> None:
-    compactor = Compactor(lively)
+    compactor = Compactor(lively, Duty(lively))
     assert not compactor.alive()
     compactor.stop()
 

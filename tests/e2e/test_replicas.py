@@ -1,0 +1,195 @@
+"""Several servers on one database: all answer, and one at a time does the background work, whatever becomes of it."""
+
+import os
+import re
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+
+from tests.api.house import ARROW, arrow
+from tests.support.databases import PostgresDatabases
+from tests.support.fleet import RESTLESS, dice, fleet_at_work
+from tests.support.forked import Forked
+from tests.support.here import command
+from tests.support.postgres import Postgres
+from tests.support.server import ServerProcess, StartServer
+from tests.support.sightings import make_places
+from tests.support.site import Site, heard, listen_for
+from tests.support.waiting import until
+
+QUIET = {"TIDEMAP_VIEWER": "false", "TIDEMAP_UPDATER": "false"}
+KILLS = 5
+LONGEST_S = 1.0
+GRID = {"frame": "map", "origin": [0, 0, 0], "resolution_m": 0.1, "shape": [100, 100, 20]}
+CELLS, LOOKS = 200_000, 10
+BEGUN = 0.15
+"""Progress of an update that has stored some of its chunks."""
+Sites = Callable[[str], Site]
+
+
+@pytest.fixture
+def replica(server: StartServer) -> Iterator[Sites]:
+    """Starts servers that do only what they are asked for, on the database at a URL."""
+    with ExitStack() as stack:
+        yield lambda url: stack.enter_context(Site(server(database_url=url, env=QUIET, launch=Forked)))
+
+
+def on_duty(server: ServerProcess) -> bool:
+    """Whether a server says that it does the background work."""
+    said = httpx.get(f"{server.url}/metrics", trust_env=False, timeout=30).text
+    (value,) = re.findall(r"^tidemap_background (\S+)$", said, re.MULTILINE)
+    return float(value) == 1
+
+
+def wait_for_duty(server: ServerProcess) -> None:
+    began = time.monotonic()
+    until(lambda: on_duty(server))
+    print(f"on duty after {time.monotonic() - began:.2f} s")
+
+
+def fill_lab(site: Site) -> None:
+    """Give it some seconds of work."""
+    cells = np.arange(CELLS, dtype=np.uint32)
+    form = {"name": "lab", "kind": "grid3d", "interval_s": 60, "estimator": "fft", "order": 3, "grid": GRID}
+    assert site.http.post("/locations", json=form).status_code == 201
+    for look in range(LOOKS):
+        state = ((cells // 7 + look) % 3 == 0).astype(np.uint8)
+        body = arrow({"time": np.full(CELLS, 1.7e9 + 60.0 * look), "cell": cells, "state": state})
+        answer = site.http.post("/locations/lab/observations", content=body, headers={"Content-Type": ARROW})
+        assert answer.status_code == 201
+
+
+def job(site: Site, number: int) -> Any:
+    return site.http.get(f"/jobs/{number}").json()
+
+
+def until_begun(site: Site, number: int, progress: float = BEGUN) -> None:
+    """Until a job has come so far, and not to its end."""
+    until(lambda: job(site, number)["progress"] >= progress)
+    assert job(site, number)["state"] == "running"
+
+
+def check_published(site: Site, number: int, url: str) -> None:
+    """A job is done, and what it published is what everybody sees; nothing is lost or doubled."""
+    done = job(site, number)
+    assert (done["state"], done["progress"]) == ("done", 1.0)
+    place = site.http.get("/locations/lab").json()
+    assert (place["observations"], place["revision"]) == (CELLS * LOOKS, done["result"]["revision"])
+    verified = command("verify", "--database-url", url)
+    assert verified.returncode == 0, verified.stdout
+
+
+def test_a_job_is_done_whoever_was_asked_for_it(replica: Sites, database_url: str) -> None:
+    first = replica(database_url)
+    wait_for_duty(first.server)
+    second = replica(database_url)
+    room = second.empty_room()
+    assert not on_duty(second.server)
+    assert on_duty(first.server)
+    began = time.monotonic()
+    assert second.update(room)["state"] == "done"
+    print(f"done after {time.monotonic() - began:.2f} s")
+    for site in (first, second):
+        assert site.http.get(f"/locations/{room}").json()["revision"] == 2
+        assert site.http.get(f"/locations/{room}/state", params={"time": 5}).status_code == 200
+
+
+def test_one_that_stops_leaves_the_work_to_another(replica: Sites, database_url: str) -> None:
+    first = replica(database_url)
+    wait_for_duty(first.server)
+    second = replica(database_url)
+    assert first.server.stop() == 0
+    wait_for_duty(second.server)
+    second.update(second.empty_room())
+
+
+def test_one_killed_in_an_update_is_replaced_and_the_update_published_once(replica: Sites, database_url: str) -> None:
+    first = replica(database_url)
+    wait_for_duty(first.server)
+    second = replica(database_url)
+    fill_lab(second)
+    number = second.http.post("/locations/lab/update", json={}).json()["id"]
+    until_begun(second, number)
+    with second.events("?location=lab") as events:
+        first.server.kill()
+        wait_for_duty(second.server)
+        told = listen_for(events, 1)
+        until_begun(second, number)
+        # Another one begins, and takes nothing that runs away from whoever runs it.
+        third = replica(database_url)
+        assert not on_duty(third.server)
+        until(lambda: job(second, number)["finished_at"] is not None)
+        told += heard(events)
+    published = [message["id"] for message in told if message["kind"] == "update"]
+    states = [message["state"] for message in told if message["kind"] == "job"]
+    assert states == ["running", "done"]
+    assert published == [third.http.get("/locations/lab").json()["revision"]]
+    check_published(third, number, database_url)
+
+
+def test_one_that_was_frozen_does_no_harm_when_it_goes_on(replica: Sites, postgres: Postgres) -> None:
+    """PostgreSQL ends its session, another one works, and what it then goes on with is refused."""
+    with PostgresDatabases(postgres).migrated() as url:
+        first = replica(url)
+        wait_for_duty(first.server)
+        second = replica(url)
+        fill_lab(second)
+        number = second.http.post("/locations/lab/update", json={}).json()["id"]
+        until_begun(second, number)
+        os.kill(first.server.process.pid, signal.SIGSTOP)
+        try:
+            with second.events("?location=lab") as events:
+                wait_for_duty(second.server)
+                listen_for(events, 1)
+                until_begun(second, number)
+        finally:
+            os.kill(first.server.process.pid, signal.SIGCONT)
+        until(lambda: not on_duty(first.server))
+        until(lambda: job(second, number)["finished_at"] is not None)
+        assert on_duty(second.server)
+        check_published(first, number, url)
+        assert "Traceback" not in first.server.output() + second.server.output()
+
+
+def test_one_whose_session_is_ended_gives_up_or_begins_anew(replica: Sites, postgres: Postgres) -> None:
+    with PostgresDatabases(postgres).migrated() as url:
+        first = replica(url)
+        wait_for_duty(first.server)
+        second = replica(url)
+        fill_lab(second)
+        number = second.http.post("/locations/lab/update", json={}).json()["id"]
+        until_begun(second, number)
+        postgres.execute("SELECT pg_terminate_backend(pid) FROM pg_locks WHERE locktype = 'advisory' AND granted")
+        until(lambda: "no longer" in first.server.output())
+        until(lambda: job(second, number)["finished_at"] is not None)
+        until(lambda: on_duty(first.server) != on_duty(second.server))
+        check_published(second, number, url)
+
+
+@pytest.mark.slow
+def test_whoever_is_killed_nothing_is_lost_or_doubled(server: StartServer, database_url: str, tmp_path: Path) -> None:
+    servers = [server(database_url=database_url, env=RESTLESS, launch=Forked) for _ in range(2)]
+    make_places(servers[0].url)
+    chance = dice()
+    with fleet_at_work(tmp_path, *(each.url for each in servers)) as fleet:
+        for _ in range(KILLS):
+            fleet.wait_for_answers(1)
+            time.sleep(chance.uniform(0, LONGEST_S))
+            until(lambda: on_duty(servers[0]) or on_duty(servers[1]))
+            killed, other = servers if on_duty(servers[0]) else reversed(servers)
+            killed.kill()
+            wait_for_duty(other)
+            killed.restart()
+        fleet.wait_for_answers(10)
+    assert "Traceback" not in "".join(each.output() for each in servers)
+    for each in servers:
+        fleet.check(each.url, database_url)
+    with Site(servers[1]) as site:
+        until(lambda: {job["state"] for job in site.http.get("/jobs?limit=1000").json()["items"]} == {"done"})

@@ -1,0 +1,259 @@
+"""Duty: one process at a time, a term that ends with its lock, and nothing stored after that."""
+
+import logging
+import sqlite3
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from threading import Event
+from typing import Any
+
+import pytest
+from sqlalchemy.exc import OperationalError
+
+from app.errors import OffDutyError
+from app.services import compaction
+from app.services.context import Context
+from app.services.jobs import claim_job, get_job, request_update
+from app.services.locations import find_location
+from app.services.update import UpdateRequest
+from app.storage.lock import FileLock
+from app.workers import duty as duty_module
+from app.workers.compactor import COMPACT_POSTS, Compactor
+from app.workers.duty import Duty, Term
+from app.workers.updater import Updater
+from tests.support.contexts import Clock, make_location, on_duty, opened, post_rows, post_states
+from tests.support.waiting import until
+
+WAIT_S = 20.0
+STATIC = UpdateRequest(estimator="static")
+
+
+@pytest.fixture(autouse=True)
+def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(duty_module, "BEAT_S", 0.02)
+
+
+@pytest.fixture
+def lively(sqlite_url: str, clock: Clock) -> Iterator[Context]:
+    """A context whose workers look around all the time."""
+    with opened(sqlite_url, clock, updater=True, updater_interval_s=0.02) as ctx:
+        yield ctx
+
+
+def lock_file(ctx: Context) -> Path:
+    return Path(f"{ctx.settings.url.removeprefix('sqlite:///')}-background")
+
+
+def take_away(ctx: Context, duty: Duty) -> Term:
+    """Have it lose its lock, and notice; the term that it had."""
+    term = duty.term
+    assert term is not None
+    lock_file(ctx).unlink()
+    until(lambda: duty.term is not term)
+    return term
+
+
+def steal(ctx: Context, other: FileLock) -> bool:
+    """Whether another process has the lock then."""
+    lock_file(ctx).unlink(missing_ok=True)
+    return other.take() is not None
+
+
+def test_the_first_has_the_duty_and_the_second_after_it(ctx: Context) -> None:
+    begun = Event()
+    second = Duty(ctx)
+    second.on_begin(begun.set)
+    with on_duty(ctx) as first:
+        until(lambda: first.term is not None)
+        second.start()
+        time.sleep(0.1)
+        assert second.term is None
+        assert not begun.is_set()
+        term = first.term
+    assert term is not None
+    with pytest.raises(OffDutyError):
+        term.check()
+    try:
+        assert begun.wait(WAIT_S)
+        assert second.term is not None
+        assert second.term.number > term.number
+        assert second.alive()
+    finally:
+        second.stop()
+    assert second.term is None
+    assert not second.alive()
+
+
+def test_a_term_ends_with_its_lock(ctx: Context, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO)
+    with on_duty(ctx) as duty:
+        until(lambda: duty.term is not None)
+        old = take_away(ctx, duty)
+        with pytest.raises(OffDutyError):
+            old.check()
+        until(lambda: duty.term is not None)
+        assert duty.term is not None
+        duty.term.check()
+        with pytest.raises(OffDutyError):
+            old.limit(ctx).store.write(lambda work: None)
+        duty.term.limit(ctx).store.write(lambda work: None)
+    assert caplog.text.count("does the background work from now on") == 2
+    assert caplog.text.count("does the background work no longer") == 1
+
+
+def test_who_hears_from_the_database_that_another_began_gives_up(ctx: Context) -> None:
+    """The lock seems to be held still: somebody has removed its file."""
+    with on_duty(ctx) as duty:
+        until(lambda: duty.term is not None)
+        term = duty.term
+        assert term is not None
+        ctx.store.write(lambda work: work.terms.begin())
+        with pytest.raises(OffDutyError):
+            term.limit(ctx).store.write(lambda work: None)
+        until(lambda: duty.term is not None and duty.term is not term)
+
+
+def make_lab(ctx: Context) -> None:
+    """A grid of several chunks."""
+    make_location(ctx, "lab", (80, 80))
+    post_rows(ctx, "lab", [(60.0 * n, cell, n % 2) for n in range(4) for cell in range(0, 6400, 100)])
+
+
+def test_an_update_whose_term_ends_publishes_nothing_and_runs_again(
+    lively: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from app.services import update
+
+    begun, go_on = Event(), Event()
+    fit = update._update_chunk
+    fitted: list[int] = []
+
+    def slow(ctx: Context, plan: Any, chunk: int) -> Any:
+        begun.set()
+        assert go_on.wait(WAIT_S)
+        fitted.append(plan.number)
+        return fit(ctx, plan, chunk)
+
+    monkeypatch.setattr(update, "_update_chunk", slow)
+    make_lab(lively)
+    with on_duty(lively) as duty:
+        updater = Updater(lively, duty)
+        updater.start()
+        try:
+            job = request_update(lively, "lab", STATIC)
+            assert begun.wait(WAIT_S)
+            take_away(lively, duty)
+            until(lambda: duty.term is not None)
+            assert find_location(lively, "lab").revision == 0
+            go_on.set()
+            until(lambda: get_job(lively, job.id).state == "done")
+        finally:
+            go_on.set()
+            updater.stop()
+    assert len(fitted) > find_location(lively, "lab").n_chunks, "it ran again"
+    with lively.store.read() as work:
+        published = work.spectra.current()[find_location(lively, "lab").id]
+    assert get_job(lively, job.id).result == {
+        name: getattr(published, name) for name in ("revision", "estimator", "order", "accuracy", "selection")
+    }
+
+
+def test_jobs_that_others_run_are_left_alone(lively: Context) -> None:
+    make_location(lively, "door")
+    post_states(lively, "door", [0.0, 60.0], [0, 1])
+    job = request_update(lively, "door", STATIC)
+    other = FileLock(lively.settings.url, lock_file(lively))
+    assert other.take() is not None
+    claim_job(lively, frozenset())
+    with on_duty(lively) as duty:
+        updater = Updater(lively, duty)
+        updater.start()
+        try:
+            time.sleep(0.2)
+            assert updater.alive()
+            assert get_job(lively, job.id).state == "running"
+            other.release()
+            until(lambda: get_job(lively, job.id).state == "done")
+        finally:
+            updater.stop()
+
+
+def test_jobs_that_the_holder_between_left_run_again(lively: Context) -> None:
+    """This process was on duty before, and had left nothing running."""
+    make_location(lively, "door")
+    post_states(lively, "door", [0.0, 60.0], [0, 1])
+    with on_duty(lively) as duty:
+        updater = Updater(lively, duty)
+        updater.start()
+        try:
+            until(lambda: updater._settled is not None)
+            other = FileLock(lively.settings.url, lock_file(lively))
+            until(lambda: steal(lively, other))
+            until(lambda: duty.term is None)
+            job = request_update(lively, "door", STATIC)
+            assert claim_job(lively, frozenset()) is not None
+            other.release()
+            until(lambda: get_job(lively, job.id).state == "done")
+        finally:
+            updater.stop()
+
+
+def test_off_duty_too_it_finds_out_when_the_database_can_be_written_again(lively: Context) -> None:
+    """A server that is not ready gets no posts that would show it."""
+    other = FileLock(lively.settings.url, lock_file(lively))
+    assert other.take() is not None
+    with on_duty(lively) as duty:
+        updater = Updater(lively, duty)
+        updater.start()
+        try:
+            lively.store._writer.trouble.failed(
+                OperationalError("INSERT", {}, sqlite3.OperationalError("disk is full"))
+            )
+            assert lively.store.trouble() is not None
+            until(lambda: lively.store.trouble() is None)
+            assert duty.term is None
+        finally:
+            updater.stop()
+            other.release()
+
+
+def test_off_duty_nothing_is_compacted_but_posts_are_slowed_down(
+    lively: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.workers.compactor.LATE_MEASUREMENTS", 100)
+    make_location(lively, "door")
+    other = FileLock(lively.settings.url, lock_file(lively))
+    assert other.take() is not None
+    with on_duty(lively) as duty:
+        compactor = Compactor(lively, duty)
+        compactor.start()
+        try:
+            for _ in range(COMPACT_POSTS):
+                post_states(lively, "door", [0.0], [1])
+            until(lambda: compactor._waiting == COMPACT_POSTS)
+            post_states(lively, "door", [0.0], [1])
+            assert lively.store._writer.rest_s > 0
+            assert find_location(lively, "door").compacted_seq == 0
+            other.release()
+            until(lambda: find_location(lively, "door").compacted_seq >= COMPACT_POSTS)
+        finally:
+            compactor.stop()
+
+
+def test_a_compaction_whose_term_ends_stores_nothing(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    make_lab(ctx)
+    merge = compaction.merge
+    begun: list[int] = []
+
+    def merged(*arguments: Any) -> Any:
+        if not begun:
+            begun.append(ctx.store.write(lambda work: work.terms.begin()))
+        return merge(*arguments)
+
+    monkeypatch.setattr(compaction, "merge", merged)
+    mine = Term(ctx.store.write(lambda work: work.terms.begin())).limit(ctx)
+    with pytest.raises(OffDutyError):
+        compaction.compact(mine, find_location(ctx, "lab"))
+    assert find_location(ctx, "lab").compacted_seq == 0
+    assert begun
