@@ -103,7 +103,7 @@ def _before(ctx: Context, work: Work, place: LocationRecord, key: SegmentKey) ->
     """What is stored of a segment, and where; of a damaged one what was put aside for it."""
     chunk, number = key
     try:
-        return key, work.observations.segments(place, chunk, number, number).get(number)
+        return key, dict(work.observations.segments(place, chunk, number, number)).get(number)
     except CorruptChunkError as error:
         # Its bytes stay as they are, for whoever can mend them; what is new is kept beside them.
         ctx.damage.found(place.id, error)

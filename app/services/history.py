@@ -20,6 +20,7 @@ from app.storage.work import Work
 
 HELD_MEASUREMENTS = 20_000_000
 """Measurements of a tail that is unpacked as a whole, and kept for other chunks and for what comes in later."""
+NOTHING = Measurements.concatenate([])
 CHUNK_BITS = 1 << 27
 """Cells times samples of a chunk that are held at once: one measurement of 1970 must not fill the memory."""
 
@@ -143,17 +144,22 @@ def _segments(place: LocationRecord, start: int, stop: int) -> tuple[int, int]:
 
 
 def _assemble(ctx: Context, work: Work, place: LocationRecord, chunk: int, first: int, last: int) -> History:
-    segments = work.observations.segments(place, chunk, first, last)
-    for number, new in by_segment(place, _tail(ctx, work, place, chunk)):
-        if first <= number <= last:
-            before = segments.get(number) or Segment.empty(place.chunk_size(chunk), number)
-            segments[number] = merge(before, new, place.base)
     whole = History.empty(place.chunk_size(chunk), first * SEGMENT_SAMPLES, (last - first + 1) * SEGMENT_SAMPLES)
-    for number, segment in segments.items():
-        bytes_ = slice((number - first) * SEGMENT_SAMPLES // 8, (number - first + 1) * SEGMENT_SAMPLES // 8)
-        whole.observed[:, bytes_] = segment.history.observed
-        whole.occupied[:, bytes_] = segment.history.occupied
+    new = dict(by_segment(place, _tail(ctx, work, place, chunk)))
+    for number, segment in work.observations.segments(place, chunk, first, last):
+        _lay(whole, merge(segment, new.pop(number, NOTHING), place.base))
+    for number, measured in new.items():
+        if first <= number <= last:
+            _lay(whole, merge(Segment.empty(place.chunk_size(chunk), number), measured, place.base))
     return whole
+
+
+def _lay(whole: History, segment: Segment) -> None:
+    """In place: the planes of a segment where they belong."""
+    first = (segment.history.start - whole.start) // 8
+    part = slice(first, first + SEGMENT_SAMPLES // 8)
+    whole.observed[:, part] = segment.history.observed
+    whole.occupied[:, part] = segment.history.occupied
 
 
 def _tail(ctx: Context, work: Work, place: LocationRecord, chunk: int) -> Measurements:

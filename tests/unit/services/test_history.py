@@ -1,8 +1,12 @@
 """The history that questions read: what is compacted, and what has come in since."""
 
+import tracemalloc
+
 import pytest
 
 from app.services.context import Context
+from app.services.history import read_compacted
+from app.services.locations import find_location
 from app.spectral.measurements import Measurements
 from app.storage import observations
 from tests.support.contexts import compact_now, history_of, make_location, post_rows
@@ -28,3 +32,21 @@ def test_of_a_growing_log_only_what_is_new_is_read(ctx: Context, monkeypatch: py
     read.clear()
     assert history_of(ctx, "lab", 0, 0, 3).states()[7].tolist() == [0, 1, 1]
     assert read == ["4"]
+
+
+def test_of_a_long_history_one_segment_is_unpacked_at_a_time(ctx: Context) -> None:
+    """With ranks, which tell apart measurements of one sample, a segment takes 9 MB; of them an answer holds one."""
+    n_segments, segment_s = 8, 4096 * 60.0
+    make_location(ctx, "lab", (32, 32))
+    for i in range(n_segments):
+        post_rows(ctx, "lab", [(i * segment_s, 7, 1), (i * segment_s + 10, 8, 1)])
+    compact_now(ctx, "lab")
+    place = find_location(ctx, "lab")
+    tracemalloc.start()
+    try:
+        states = read_compacted(ctx, place, 0, 0, 4096 * (n_segments - 1) + 1).cells([7, 8]).states()[:, ::4096]
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert states.tolist() == [[1] * n_segments] * 2
+    assert peak < 50e6
