@@ -19,7 +19,7 @@ from app.demo.seed import seed
 from app.services.context import Context
 from app.services.keys import create_key, delete_key, is_open
 from app.spectral.warm import warm
-from web.memory import give_back_freed
+from web.memory import give_back_freed, giving_back
 from web.site import open_site
 
 log = logging.getLogger(__name__)
@@ -56,6 +56,7 @@ def serve(ctx: Context, options: Options) -> int:
     sys.setswitchinterval(SWITCH_S)
     warm()
     with ExitStack() as stack:
+        stack.enter_context(giving_back())
         site = stack.enter_context(open_site(ctx))
         config = configure(site, settings.host, settings.port)
         bound = _bind(settings.host, settings.port)

@@ -46,6 +46,10 @@ class ByteCache(Generic[Value]):
             entry = self._entries.get(key)
             return None if entry is None else (entry.version, entry.value)
 
+    def takes(self, size: int) -> bool:
+        """Whether a value of so many bytes could be held."""
+        return size <= self._limit
+
     def drop(self, condition: Callable[[Hashable], bool]) -> None:
         """Forget the values whose key meets the condition."""
         with self._lock:
@@ -55,7 +59,7 @@ class ByteCache(Generic[Value]):
     def _put(self, key: Hashable, entry: "_Entry[Value]") -> None:
         with self._lock:
             self._remove(key)
-            if entry.size > self._limit:
+            if not self.takes(entry.size):
                 return
             self._entries[key] = entry
             self._bytes += entry.size

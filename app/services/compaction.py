@@ -19,6 +19,8 @@ from app.storage.work import Work
 ROUND_MEASUREMENTS = 8_000_000
 """Measurements that one round takes from the log: the more, the fewer times a segment is written anew, and the more
 memory."""
+Part = tuple[Measurements, int, int]
+"""Rows [first, stop) of measurements: as measurements of their own they would take half as much memory again."""
 
 
 def compact(ctx: Context, place: LocationRecord, check: Callable[[], None] = lambda: None) -> None:
@@ -56,12 +58,14 @@ def _compact_some(ctx: Context, location_id: int, target: int, check: Callable[[
             if place.compacted_seq >= target:
                 return False
             rows = work.observations.packed(place, ROUND_MEASUREMENTS)
+        through = rows[-1].number
         parts, damaged = _unpack(ctx, place, rows)
+        del rows
         merged: dict[SegmentKey, bytes] = {}
         for key, payload in _merge_all(ctx, place, _split(parts)):
             merged[key] = payload
             check()
-        ctx.store.write(lambda work: put_in_place(work, place, rows[-1].number, merged, damaged))
+        ctx.store.write(lambda work: put_in_place(work, place, through, merged, damaged))
     return True
 
 
@@ -81,32 +85,41 @@ def put_in_place(
 def _unpack(ctx: Context, place: LocationRecord, rows: list[Packed]) -> tuple[list[Measurements], set[int]]:
     """What can be read of a part of the log, and the numbers of what cannot, which is told of."""
     parts, damaged = [], set()
+    # In two large arrays: hundreds of small ones would leave holes in the heap when they go.
+    total = sum(row.measurements for row in rows)
+    cell, state = np.empty(total, np.uint32), np.empty(total, np.uint8)
+    stop = 0
     for row in rows:
         try:
-            parts.append(row.unpack())
+            part = row.unpack()
         except CorruptChunkError as error:
             ctx.damage.found(place.id, error)
             damaged.add(row.number)
+            continue
+        start, stop = stop, stop + len(part)
+        cell[start:stop], state[start:stop] = part.cell, part.state
+        parts.append(Measurements(part.time, cell[start:stop], state[start:stop]))
     return parts, damaged
 
 
-def _split(parts: list[Measurements]) -> dict[int, list[Measurements]]:
-    """What was measured in each chunk, uncopied where it lies together: a log is larger than its packed rows."""
-    found: dict[int, list[Measurements]] = {}
+def _split(parts: list[Measurements]) -> dict[int, list[Part]]:
+    """Which part of what was measured at once lies in each chunk; nothing is copied, a log is larger than its rows."""
+    found: dict[int, list[Part]] = {}
     for part in map(by_chunk, parts):
         chunk = part.cell // np.uint32(CHUNK_CELLS)
         borders = [0, *(np.flatnonzero(chunk[1:] != chunk[:-1]) + 1).tolist(), len(part)]
         for first, stop in pairwise(borders):
-            found.setdefault(int(chunk[first]), []).append(part.select(slice(first, stop)))
+            found.setdefault(int(chunk[first]), []).append((part, first, stop))
     return found
 
 
 def _merge_all(
-    ctx: Context, place: LocationRecord, measured: dict[int, list[Measurements]]
+    ctx: Context, place: LocationRecord, measured: dict[int, list[Part]]
 ) -> Iterator[tuple[SegmentKey, bytes]]:
     """The segments that what was measured in each chunk changes, packed; one at a time is held unpacked."""
     for chunk, parts in sorted(measured.items()):
-        for number, new in by_segment(place, of_chunk(Measurements.concatenate(parts), chunk)):
+        whole = Measurements.concatenate([part.select(slice(first, stop)) for part, first, stop in parts])
+        for number, new in by_segment(place, of_chunk(whole, chunk)):
             with ctx.store.read() as work:
                 key, before = _before(ctx, work, place, (chunk, number))
             segment = before or Segment.empty(place.chunk_size(chunk), number)
@@ -117,7 +130,7 @@ def _before(ctx: Context, work: Work, place: LocationRecord, key: SegmentKey) ->
     """What is stored of a segment, and where; of a damaged one what was put aside for it."""
     chunk, number = key
     try:
-        return key, work.segments.of_chunk(place, chunk, number, number).get(number)
+        return key, dict(work.segments.of_chunk(place, chunk, number, number)).get(number)
     except CorruptChunkError as error:
         # Its bytes stay as they are, for whoever can mend them; what is new is kept beside them.
         ctx.damage.found(place.id, error)

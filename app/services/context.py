@@ -38,6 +38,7 @@ class Context:
     """The store, the bus, the caches, the known damage and locations of one process. `clock` gives Unix seconds.
 
     Whoever compacts or forgets a history holds `compacting` meanwhile: it reads segments that it writes later.
+    Whoever unpacks what is to be held in `tails` holds `reading_on`.
     """
 
     settings: Settings
@@ -50,6 +51,7 @@ class Context:
     damage: Damage
     places: Places
     compacting: Lock
+    reading_on: Lock
     clock: Callable[[], float]
 
 
@@ -68,6 +70,7 @@ def open_context(settings: Settings, clock: Callable[[], float] = time.time) -> 
             Lender(settings.answer_cache_bytes),
             Damage(),
             Places(),
+            Lock(),
             Lock(),
             clock,
         )

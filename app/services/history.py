@@ -18,8 +18,9 @@ from app.storage.observations import Tail
 from app.storage.records import CHUNK_CELLS, LocationRecord
 from app.storage.work import Work
 
-HELD_MEASUREMENTS = 20_000_000
-"""Measurements of a tail that is unpacked as a whole, and kept for other chunks and for what comes in later."""
+LEAST_BYTES = 5
+"""Memory of an unpacked measurement at least: a cell and a state, where all of a post are of one time."""
+NOTHING = Measurements.concatenate([])
 CHUNK_BITS = 1 << 27
 """Cells times samples of a chunk that are held at once: one measurement of 1970 must not fill the memory."""
 
@@ -143,46 +144,76 @@ def _segments(place: LocationRecord, start: int, stop: int) -> tuple[int, int]:
 
 
 def _assemble(ctx: Context, work: Work, place: LocationRecord, chunk: int, first: int, last: int) -> History:
-    segments = work.segments.of_chunk(place, chunk, first, last)
-    for number, new in by_segment(place, _tail(ctx, work, place, chunk)):
-        if first <= number <= last:
-            before = segments.get(number) or Segment.empty(place.chunk_size(chunk), number)
-            segments[number] = merge(before, new, place.base)
     whole = History.empty(place.chunk_size(chunk), first * SEGMENT_SAMPLES, (last - first + 1) * SEGMENT_SAMPLES)
-    for number, segment in segments.items():
-        bytes_ = slice((number - first) * SEGMENT_SAMPLES // 8, (number - first + 1) * SEGMENT_SAMPLES // 8)
-        whole.observed[:, bytes_] = segment.history.observed
-        whole.occupied[:, bytes_] = segment.history.occupied
+    new = dict(by_segment(place, _tail(ctx, work, place, chunk)))
+    for number, segment in work.segments.of_chunk(place, chunk, first, last):
+        _lay(whole, merge(segment, new.pop(number, NOTHING), place.base))
+    for number, measured in new.items():
+        if first <= number <= last:
+            _lay(whole, merge(Segment.empty(place.chunk_size(chunk), number), measured, place.base))
     return whole
+
+
+def _lay(whole: History, segment: Segment) -> None:
+    """In place: the planes of a segment where they belong."""
+    first = (segment.history.start - whole.start) // 8
+    part = slice(first, first + SEGMENT_SAMPLES // 8)
+    whole.observed[:, part] = segment.history.observed
+    whole.occupied[:, part] = segment.history.occupied
 
 
 def _tail(ctx: Context, work: Work, place: LocationRecord, chunk: int) -> Measurements:
     """What is not compacted yet of one chunk, its cells counted from its first."""
-    version = (place.compacted_seq, place.observation_seq)
-    tail = ctx.tails.held(place.id, version)
-    if tail is None and work.observations.pending(place) <= HELD_MEASUREMENTS:
-        tail = ctx.tails.get(place.id, version, lambda: _read_on(ctx, work, place))
+    if place.observation_seq == place.compacted_seq:
+        # Nothing, or whoever asks wants what is compacted alone, and others hold what is not.
+        _let_go(ctx, place)
+        return NOTHING
+    tail = ctx.tails.held(place.id, _version(place))
     if tail is None:
-        # While robots post, a long tail is another one at every question: no more of it is kept than is asked for.
-        cells = np.array([chunk, chunk + 1]) * CHUNK_CELLS
-        tail = work.observations.tail(
-            place, choose=lambda part: part.select((part.cell >= cells[0]) & (part.cell < cells[1]))
-        )
+        tail = _read_on(ctx, work, place) or _read_chunk(work, place, chunk)
         _tell(ctx, place, tail)
     return Measurements.concatenate([of_chunk(part, chunk) for _, part in tail.parts])
 
 
-def _read_on(ctx: Context, work: Work, place: LocationRecord) -> Tail:
-    """The whole tail, every part sorted by chunk: what is kept of an earlier one, and what has come in since."""
-    known, since = ctx.tails.latest(place.id), place.compacted_seq
-    parts: list[tuple[int, Measurements]] = []
+def _let_go(ctx: Context, place: LocationRecord) -> None:
+    """Forget what is held of a tail, where all of it is compacted."""
+    known = ctx.tails.latest(place.id)
+    if known is not None and cast(tuple[int, int], known[0])[1] <= place.compacted_seq:
+        ctx.tails.drop(lambda key: key == place.id)
+
+
+def _version(place: LocationRecord) -> tuple[int, int]:
+    """A tail begins after the first of these observations and ends with the second."""
+    return place.compacted_seq, place.observation_seq
+
+
+def _read_on(ctx: Context, work: Work, place: LocationRecord) -> Tail | None:
+    """The whole tail, every part sorted by chunk, kept for other chunks and later questions: of an earlier one what is
+    held, and what has come in since. None where it is too long to be held: unpacked it would only take memory."""
+    if not ctx.tails.takes(work.observations.pending(place) * LEAST_BYTES):
+        return None
+    # One at a time: the others need not read what the first has read, nor hold as much at once.
+    with ctx.reading_on:
+        parts, since = _known(ctx, place)
+        new = work.observations.tail(replace(place, compacted_seq=since), choose=by_chunk)
+        return ctx.tails.get(place.id, _version(place), lambda: Tail(parts + new.parts, new.damage))
+
+
+def _known(ctx: Context, place: LocationRecord) -> tuple[list[tuple[int, Measurements]], int]:
+    """What is held of a tail, of this moment or another, and through which observation."""
+    known = ctx.tails.latest(place.id)
     if known is not None:
-        (compacted, through), before = cast(tuple[int, int], known[0]), known[1]
-        if compacted <= place.compacted_seq <= through <= place.observation_seq:
-            parts, since = [each for each in before.parts if each[0] > place.compacted_seq], through
-    new = work.observations.tail(replace(place, compacted_seq=since), choose=by_chunk)
-    _tell(ctx, place, new)
-    return Tail(parts + new.parts, new.damage)
+        (compacted, through), held = cast(tuple[int, int], known[0]), known[1]
+        if compacted <= place.compacted_seq <= through:
+            first, last = _version(place)
+            return [part for part in held.parts if first < part[0] <= last], min(through, last)
+    return [], place.compacted_seq
+
+
+def _read_chunk(work: Work, place: LocationRecord, chunk: int) -> Tail:
+    """What a tail holds of one chunk, of which nothing is kept."""
+    first, stop = chunk * CHUNK_CELLS, (chunk + 1) * CHUNK_CELLS
+    return work.observations.tail(place, choose=lambda part: part.select((part.cell >= first) & (part.cell < stop)))
 
 
 def _tell(ctx: Context, place: LocationRecord, tail: Tail) -> None:

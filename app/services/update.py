@@ -11,8 +11,8 @@ from app.services.compaction import compact, forget
 from app.services.context import Context
 from app.services.history import read_compacted, window
 from app.spectral.history import History
-from app.spectral.model import refit
-from app.spectral.outliers import count
+from app.spectral.model import fit_part
+from app.spectral.outliers import count_outliers
 from app.spectral.recipe import Recipe
 from app.spectral.selection import Selection, choose
 from app.spectral.window import fit_window
@@ -197,9 +197,10 @@ def _update_chunk(ctx: Context, plan: Plan, chunk: int) -> _Fit | CorruptChunkEr
         history = read_compacted(ctx, place, chunk, *plan.history)
     except CorruptChunkError as error:
         return error.with_traceback(None)
-    model = refit(history, plan.recipe, place.base, (plan.start, plan.stop))
-    ctx.store.write(lambda work: work.spectra.put_chunk(place.id, plan.number, chunk, model.spectrum))
-    return _Fit(int(count(model.outliers).sum()), int(history.count_observed().sum()))
+    spectrum = fit_part(history, plan.recipe, place.base, (plan.start, plan.stop))
+    ctx.store.write(lambda work: work.spectra.put_chunk(place.id, plan.number, chunk, spectrum))
+    wrong = count_outliers(spectrum, history, place.base)
+    return _Fit(int(wrong.sum()), int(history.count_observed().sum()))
 
 
 def _revision(ctx: Context, plan: Plan, accuracy: float | None) -> RevisionRecord:

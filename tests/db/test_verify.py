@@ -232,7 +232,7 @@ def test_contents_that_do_not_fit_their_row_are_named(
 
 def test_a_segment_that_names_what_it_lacks_is_named(ctx: Context, url: str) -> None:
     with ctx.store.read() as work:
-        segment = work.segments.of_chunk(find_location(ctx, "lab"), 1, 0, 0)[0]
+        ((_, segment),) = work.segments.of_chunk(find_location(ctx, "lab"), 1, 0, 0)
     columns = unseal(pack_segment(segment), "history")
     spoilt = seal({**columns, "state": columns["state"][:0]})
     assert zlib.crc32(spoilt[5:]) == int.from_bytes(spoilt[1:5], "little")

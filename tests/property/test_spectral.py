@@ -13,7 +13,7 @@ from app.spectral.history import NEVER, UNOBSERVED, History
 from app.spectral.look import order_look
 from app.spectral.measurements import Measurements
 from app.spectral.model import add, reconstruct, update
-from app.spectral.outliers import find_outliers
+from app.spectral.outliers import count, count_outliers, find_outliers
 from app.spectral.prediction import (
     Answer,
     known,
@@ -183,6 +183,7 @@ def test_outliers_of_any_history_are_consistent(history: History, start: int, n:
     outliers = find_outliers(spectrum, window, BASE)
     assert np.all(outliers.start < outliers.stop)
     assert outliers.offset[-1] == outliers.start.size
+    np.testing.assert_array_equal(count_outliers(spectrum, window, BASE), count(outliers))
 
 
 @quick

@@ -1,14 +1,22 @@
 """The history that questions read: what is compacted, and what has come in since."""
 
+import tracemalloc
+
 import pytest
 
+from app.services import history
 from app.services.context import Context
+from app.services.history import read_compacted
+from app.services.locations import find_location
+from app.spectral.history import UNOBSERVED
 from app.spectral.measurements import Measurements
 from app.storage import observations
-from tests.support.contexts import compact_now, history_of, make_location, post_rows
+from tests.support.contexts import compact_now, history_of, make_location, opened, post_rows
 
 
-def test_of_a_growing_log_only_what_is_new_is_read(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def read(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The numbers of the observations that are unpacked."""
     read: list[str] = []
     unpack = observations.unpack_measurements
 
@@ -17,6 +25,10 @@ def test_of_a_growing_log_only_what_is_new_is_read(ctx: Context, monkeypatch: py
         return unpack(payload, what)
 
     monkeypatch.setattr(observations, "unpack_measurements", unpack_and_note)
+    return read
+
+
+def test_of_a_growing_log_only_what_is_new_is_read(ctx: Context, read: list[str]) -> None:
     make_location(ctx, "lab", (80, 40))
     for minute in range(3):
         post_rows(ctx, "lab", [(60.0 * minute, 7, minute % 2), (60.0 * minute, 3000, 1)])
@@ -28,3 +40,61 @@ def test_of_a_growing_log_only_what_is_new_is_read(ctx: Context, monkeypatch: py
     read.clear()
     assert history_of(ctx, "lab", 0, 0, 3).states()[7].tolist() == [0, 1, 1]
     assert read == ["4"]
+
+
+def test_an_update_leaves_what_others_hold_of_the_log_until_that_is_compacted(ctx: Context) -> None:
+    make_location(ctx, "lab", (80, 40))
+    post_rows(ctx, "lab", [(0.0, 7, 1)])
+    compact_now(ctx, "lab")
+    post_rows(ctx, "lab", [(60.0, 7, 1)])
+    assert history_of(ctx, "lab", 0, 0, 2).states()[7].tolist() == [1, 1]
+    place = find_location(ctx, "lab")
+    held = ctx.tails.latest(place.id)
+    assert held is not None
+    assert read_compacted(ctx, place, 0, 0, 2).states()[7].tolist() == [1, UNOBSERVED]
+    assert ctx.tails.latest(place.id) == held
+    compact_now(ctx, "lab")
+    assert read_compacted(ctx, place, 0, 0, 2).states()[7].tolist() == [1, 1]
+    assert ctx.tails.latest(place.id) is None
+
+
+def test_a_moment_ago_is_a_part_of_what_is_held_of_now(ctx: Context, read: list[str]) -> None:
+    make_location(ctx, "lab", (80, 40))
+    post_rows(ctx, "lab", [(0.0, 7, 0)])
+    before = find_location(ctx, "lab")
+    post_rows(ctx, "lab", [(60.0, 7, 1)])
+    assert history_of(ctx, "lab", 0, 0, 2).states()[7].tolist() == [0, 1]
+    read.clear()
+    with ctx.store.read() as work:
+        tail = history._tail(ctx, work, before, 0)
+    assert (tail.time.tolist(), tail.cell.tolist(), tail.state.tolist()) == ([0.0], [7], [0])
+    assert read == []
+
+
+def test_a_log_too_long_to_be_held_is_read_for_the_chunk_alone(sqlite_url: str, read: list[str]) -> None:
+    with opened(sqlite_url, history_cache_bytes=2 * 5 * 5) as ctx:
+        make_location(ctx, "lab", (80, 40))
+        for minute in range(2):
+            post_rows(ctx, "lab", [(60.0 * minute, cell, 1) for cell in (7, 1100, 3000)])
+        for chunk, cell in ((0, 7), (1, 76), (2, 952)):
+            assert history_of(ctx, "lab", chunk, 0, 2).states()[cell].tolist() == [1, 1]
+        assert ctx.tails.latest(find_location(ctx, "lab").id) is None
+    assert read == ["1", "2"] * 3
+
+
+def test_of_a_long_history_one_segment_is_unpacked_at_a_time(ctx: Context) -> None:
+    """With ranks, which tell apart measurements of one sample, a segment takes 9 MB; of them an answer holds one."""
+    n_segments, segment_s = 8, 4096 * 60.0
+    make_location(ctx, "lab", (32, 32))
+    for i in range(n_segments):
+        post_rows(ctx, "lab", [(i * segment_s, 7, 1), (i * segment_s + 10, 8, 1)])
+    compact_now(ctx, "lab")
+    place = find_location(ctx, "lab")
+    tracemalloc.start()
+    try:
+        states = read_compacted(ctx, place, 0, 0, 4096 * (n_segments - 1) + 1).cells([7, 8]).states()[:, ::4096]
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert states.tolist() == [[1] * n_segments] * 2
+    assert peak < 50e6

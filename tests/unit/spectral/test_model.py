@@ -1,5 +1,6 @@
 """The four operations on cases that can be read."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 
 from app.spectral.history import UNOBSERVED, History
 from app.spectral.model import Model, accuracy, add, fit_part, predict, reconstruct, update
-from app.spectral.outliers import Outliers, count, find_outliers
+from app.spectral.outliers import Outliers, count, count_outliers, find_outliers
 from app.spectral.recipe import Recipe
 from app.spectral.timebase import TimeBase
 
@@ -31,6 +32,21 @@ def test_outliers_to_the_last_bit_of_the_last_word() -> None:
     outliers = update(History.from_states(states), "static", 0, BASE).outliers
     assert outliers.of(0).tolist() == [[63, 65]]
     assert outliers.of(1).tolist() == [[127, 128]]
+
+
+def test_counting_the_outliers_of_noise_takes_hardly_more_than_one_of_its_planes() -> None:
+    states = np.random.default_rng(0).integers(0, 3, (64, 1 << 14)).astype(np.uint8)
+    history = History.from_states(states)
+    model = update(history, "static", 0, BASE)
+    tracemalloc.start()
+    try:
+        found = count_outliers(model.spectrum, history, BASE)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert found.tolist() == count(model.outliers).tolist()
+    assert peak < 2 * history.observed.nbytes
+    assert model.outliers.start.nbytes > 4 * peak
 
 
 def test_accuracy_is_one_minus_wrong_over_observed() -> None:
