@@ -203,9 +203,12 @@ def _serve(arguments: argparse.Namespace) -> int:
     from app.services.context import open_context
     from app.services.keys import list_keys
     from app.storage.store import prepare_database
+    from web.memory import give_back_freed
     from web.serve import Options, serve
 
     settings = _settings(arguments)
+    # Before there are threads: each would have a heap of its own.
+    give_back_freed()
     prepare_database(settings.url)
     with open_context(settings) as ctx:
         if not settings.keyless and not list_keys(ctx):

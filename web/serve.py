@@ -18,8 +18,8 @@ from app.demo import live
 from app.demo.seed import seed
 from app.services.context import Context
 from app.services.keys import create_key, delete_key, is_open
-from app.spectral.warm import warm
-from web.memory import give_back_freed, giving_back
+from app.services.warm import warm
+from web.memory import giving_back
 from web.site import open_site
 
 log = logging.getLogger(__name__)
@@ -52,7 +52,6 @@ class _Server(uvicorn.Server):
 def serve(ctx: Context, options: Options) -> int:
     """Serve until told to stop; 0 when that went well."""
     settings = ctx.settings
-    give_back_freed()
     sys.setswitchinterval(SWITCH_S)
     warm()
     with ExitStack() as stack:

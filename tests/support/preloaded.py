@@ -5,7 +5,7 @@ import app.cli
 import app.services.context
 import app.workers.updater
 import web.serve
-from app.spectral.warm import warm
+from app.services.warm import warm
 
 __all__ = ["app", "web"]
 

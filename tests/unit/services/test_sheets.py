@@ -14,10 +14,10 @@ from app.services.context import Context
 from app.services.locations import change_location
 from app.services.predict import StateQuery, StateView, ask, sheet_of, state_at
 from app.services.sheets import MapSheet
+from app.services.warm import warm
 from app.spectral import kernels
 from app.spectral.prediction import VERDICTS
 from app.spectral.spectrum import Spectrum, blank
-from app.spectral.warm import warm
 from tests.support.contexts import make_location, opened, post_rows, refit
 
 FACTS = {"time": "2026-03-02T09:30:00Z", "revision": 3}

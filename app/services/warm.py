@@ -6,20 +6,50 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from app.space.grid import Grid
+from app.space.regions import label_regions
 from app.spectral.anomaly import surprising
 from app.spectral.history import History
-from app.spectral.look import order_look, plane_cells, seen_plane
+from app.spectral.look import order_look
+from app.spectral.measurements import Measurements
 from app.spectral.model import add, reconstruct, update
 from app.spectral.prediction import Answer, predict, predict_times, write_waves
+from app.spectral.segment import Segment, forget, merge
 from app.spectral.selection import choose
 from app.spectral.timebase import TimeBase
+from app.storage.blobs import pack_measurements, pack_segment, unpack_measurements, unpack_segment
 
 
 def warm() -> None:
-    """Run everything once on a few samples; seconds when nothing is cached, else some tenths.
+    """Run everything once on a few samples; a minute when nothing is cached, else a second.
 
     Also on read-only planes, which is what arrays over stored bytes are.
     """
+    _post()
+    _compact()
+    _fit_and_ask()
+
+
+def _post() -> None:
+    look = order_look(np.zeros(1), np.zeros(1, np.uint32), np.zeros(1, np.uint8), (0.0, 1.0), 1)
+    if look is not None:
+        unpack_measurements(pack_measurements(look), "a look")
+    zero = np.zeros(1, np.int64)
+    label_regions(Grid("", (0.0, 0.0, 0.0), 1.0, (1,)), zero, zero, np.zeros(1, np.uint8))
+
+
+def _compact() -> None:
+    base = TimeBase(0.0, 60.0)
+    once = Measurements(np.zeros(1), np.zeros(1, np.uint32), np.zeros(1, np.uint8))
+    twice = Measurements(np.arange(2.0), np.arange(2, dtype=np.uint32), np.zeros(2, np.uint8))
+    for measurements in (once, twice):
+        segment = merge(Segment.empty(2, 0), measurements, base)
+        stored = unpack_segment(pack_segment(segment), 0, "a segment")
+        pack_segment(merge(stored, twice, base))
+        pack_segment(forget(stored, 0, base))
+
+
+def _fit_and_ask() -> None:
     states = (np.arange(3 * 200).reshape(3, 200) % 7 < 3).astype(np.uint8)
     states[1, 50:60] = 2
     fresh = History.from_states(states, start=3)
@@ -51,10 +81,9 @@ def warm() -> None:
             predict_times(spectrum, [0.0, 1.0])
             surprising(spectrum, 0.0, np.zeros(1, np.uint32), np.zeros(1, np.uint8), 0.9)
             reconstruct(replace(model, spectrum=spectrum))
-    order_look(np.zeros(1), np.zeros(1, np.uint32), np.zeros(1, np.uint8), (0.0, 1.0), 1)
-    seen_plane(np.zeros(1, np.uint32))
-    plane_cells(np.ones(1, np.uint8), 0, 1)
-    choose(History.from_states((np.arange(2 * 4500).reshape(2, 4500) % 9 < 3).astype(np.uint8)), base, time_zone="UTC")
+    days = History.from_states((np.arange(2 * 4500).reshape(2, 4500) % 1440 < 500).astype(np.uint8))
+    reconstruct(update(days, "calendar", 3, base))
+    choose(days, base, time_zone="UTC")
 
 
 def _read_only(array: NDArray[Any]) -> NDArray[Any]:

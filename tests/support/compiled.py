@@ -1,0 +1,52 @@
+"""What a server would still compile once it is warm: `python -m tests.support.compiled URL`, on an empty database."""
+
+import json
+import sys
+from collections.abc import Iterator
+
+import numpy as np
+from numba.core.dispatcher import Dispatcher
+
+from app.services.anomalies import DetectQuery, detect
+from app.services.observe import observe
+from app.services.posts import Post
+from app.services.warm import warm
+from app.storage.store import migrate_database
+from tests.bench import lab
+from tests.support.contexts import ARROW, Body, Clock, compact_now, make_location, opened, post_states, refit
+
+
+def signatures() -> Iterator[str]:
+    """Every kernel with the types it is compiled for."""
+    for name, module in sorted(sys.modules.items()):
+        if name.startswith("app."):
+            for kernel in vars(module).values():
+                if isinstance(kernel, Dispatcher):
+                    yield from (f"{kernel.py_func.__qualname__}{types}" for types in kernel.signatures)
+
+
+def work(url: str) -> None:
+    """What robots, the compactor, the updater and dashboards have a server do."""
+    clock = Clock(lab.now())
+    with opened(url, clock) as ctx:
+        lab.prepare(ctx)
+        for ago_s in (0.0, 2.0, 600.0, 602.0, 10.0):
+            observe(ctx, lab.NAME, Post(Body(lab.seen(clock.now - ago_s), ARROW)))
+            compact_now(ctx, lab.NAME)
+        refit(ctx, lab.NAME)
+        detect(ctx, lab.NAME, DetectQuery(clock.now - lab.DAY_S, clock.now))
+        make_location(ctx, "door")
+        minute = np.arange(3000)
+        post_states(ctx, "door", clock.now - 60.0 * (3000 - minute), minute % 1440 < 500)
+        refit(ctx, "door")
+        post_states(ctx, "door", [clock.now], [1])
+        compact_now(ctx, "door")
+        refit(ctx, "door")
+
+
+if __name__ == "__main__":
+    migrate_database(sys.argv[1])
+    warm()
+    before = set(signatures())
+    work(sys.argv[1])
+    print(json.dumps(sorted(set(signatures()) - before)))
