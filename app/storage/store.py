@@ -7,7 +7,7 @@ from copy import copy
 from functools import partial
 from typing import TypeVar
 
-from sqlalchemy import Connection, make_url
+from sqlalchemy import Connection, Dialect, make_url
 from sqlalchemy.exc import DBAPIError
 
 from app.errors import DatabaseUnusableError, StorageUnavailableError
@@ -19,6 +19,8 @@ from app.storage.work import Work
 from app.storage.writer import Item, RunAll, Writer
 
 Result = TypeVar("Result")
+POSTGRES = (14,)
+"""The oldest version."""
 
 
 def migrate_database(url: str) -> None:
@@ -48,9 +50,18 @@ def _writing(url: str) -> Iterator[Connection]:
     engine = open_writer(url)
     try:
         with usable(url), engine.begin() as connection:
+            check_server(connection.dialect)
             yield connection
     finally:
         engine.dispose()
+
+
+def check_server(dialect: Dialect) -> None:
+    """Raises DatabaseUnusableError on a PostgreSQL that cannot lose patience with an idle session."""
+    version = getattr(dialect, "server_version_info", None)
+    if dialect.name == "postgresql" and version is not None and version < POSTGRES:
+        given = ".".join(map(str, version))
+        raise DatabaseUnusableError(f"This is PostgreSQL {given}; use {POSTGRES[0]} or newer.")
 
 
 @contextmanager

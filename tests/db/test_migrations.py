@@ -7,10 +7,11 @@ import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.runtime.migration import MigrationContext
 from sqlalchemy import Connection, insert, inspect, select, text, update
+from sqlalchemy.dialects import postgresql
 
-from app.errors import SchemaVersionError
+from app.errors import DatabaseUnusableError, SchemaVersionError
 from app.storage.engine import open_writer
-from app.storage.store import Store, migrate_database, prepare_database
+from app.storage.store import Store, check_server, migrate_database, prepare_database
 from app.storage.tables import api_key, metadata
 
 KEY = {"name": "door", "role": "robot", "prefix": "tm_", "hash": b"h", "created_at": 1.0}
@@ -63,3 +64,13 @@ def test_the_schema_of_a_newer_version_is_refused(database_url: str, open_) -> N
     with writing(database_url) as connection:
         assert connection.execute(text("SELECT version_num FROM alembic_version")).scalar() == "9999"
         assert connection.execute(update(api_key).values(name="gate")).rowcount == 1
+
+
+def test_a_postgresql_that_is_too_old_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    dialect = postgresql.dialect()
+    for version in ((14, 0), (17, 2), None):
+        monkeypatch.setattr(dialect, "server_version_info", version, raising=False)
+        check_server(dialect)
+    monkeypatch.setattr(dialect, "server_version_info", (13, 9), raising=False)
+    with pytest.raises(DatabaseUnusableError, match=r"This is PostgreSQL 13\.9; use 14 or newer\."):
+        check_server(dialect)

@@ -67,6 +67,7 @@ def measure(length_s: float = float(os.environ.get("SOAK_S", "600"))) -> Figure:
             server.stop()
         stop_s = time.perf_counter() - told
         file_mb = path.stat().st_size / 1e6
+        said = len(server.output().splitlines()) - 1
     early, late = (_memory(seen, length_s, *part) for part in ((0.25, 0.5), (0.75, 1.0)))
     details: dict[str, float | int | str] = {
         "seconds": round(length_s),
@@ -81,7 +82,7 @@ def measure(length_s: float = float(os.environ.get("SOAK_S", "600"))) -> Figure:
         "log_peak_posts": max(seen.log_posts),
         "questions_per_s": round(len(seen.questions_s) / length_s, 1),
         "stop_s": round(stop_s, 1),
-        "said": len(server.output().splitlines()) - 1,
+        "said": said,
     }
     return Figure(late, early, 1.1, "MB", details)
 
