@@ -20,6 +20,9 @@ _HELD = text("SELECT EXISTS (SELECT FROM pg_locks WHERE classid = 7364125 AND pi
 class Lock(Protocol):
     """Let go by the system, or by the database, when its process dies."""
 
+    shared: bool
+    """Whether several processes are meant to want it."""
+
     def take(self) -> int | None:
         """The number of the term that begins where nobody has the lock; None where somebody has, or nobody can."""
 
@@ -40,6 +43,8 @@ def open_lock(url: str) -> Lock:
 
 class FileLock:
     """A file beside a SQLite file, locked by flock: SQLite's own locks end with any connection of the process."""
+
+    shared = False
 
     def __init__(self, url: str, path: Path) -> None:
         self._url = url
@@ -91,6 +96,8 @@ class FileLock:
 
 class AdvisoryLock:
     """A session's advisory lock in PostgreSQL, on a connection of its own, which is never to be idle for long."""
+
+    shared = True
 
     def __init__(self, url: str) -> None:
         self._engine = open_watch(url)

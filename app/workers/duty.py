@@ -84,7 +84,8 @@ class Duty:
         number = self._lock.take()
         if number is not None:
             self._term = Term(number)
-            log.info("this process does the background work from now on (term %d)", number)
+            level = logging.INFO if self._lock.shared else logging.DEBUG
+            log.log(level, "this process does the background work from now on (term %d)", number)
             for listener in self._listeners:
                 listener()
 

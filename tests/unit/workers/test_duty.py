@@ -86,7 +86,7 @@ def test_the_first_has_the_duty_and_the_second_after_it(ctx: Context) -> None:
 
 
 def test_a_term_ends_with_its_lock(ctx: Context, caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level(logging.INFO)
+    caplog.set_level(logging.DEBUG)
     with on_duty(ctx) as duty:
         until(lambda: duty.term is not None)
         old = take_away(ctx, duty)
