@@ -23,7 +23,7 @@ QUICK_BYTES, QUICK_LOOKS = 4 << 20, 16
 
 
 class NotQuickError(Exception):
-    """A post was small, but has too many moments."""
+    """A post was small, but has too many moments, or its model is not in memory any more."""
 
 
 def observe(ctx: Context, name: str, post: Post) -> Observed:
@@ -57,7 +57,12 @@ def is_quick(ctx: Context, name: str, post: Post) -> bool:
     if len(post.body.content) * post.body.cost > QUICK_BYTES:
         return False
     place = ctx.places.lately(name)
-    return place is not None and (not place.revision or held(ctx, place) is not None)
+    return place is not None and _can_judge(ctx, place)
+
+
+def _can_judge(ctx: Context, place: LocationRecord) -> bool:
+    """Whether nothing has to be read for it."""
+    return not place.revision or held(ctx, place) is not None
 
 
 def _entry(ctx: Context, name: str, post: Post) -> Entry:
@@ -68,7 +73,7 @@ def _entry(ctx: Context, name: str, post: Post) -> Entry:
 def _quick_entry(ctx: Context, name: str, post: Post) -> Entry:
     """As `_entry`. Raises NotQuickError."""
     place, measurements = _parsed(ctx, name, post)
-    if len(measurements.heads) > QUICK_LOOKS:
+    if len(measurements.heads) > QUICK_LOOKS or not _can_judge(ctx, place):
         raise NotQuickError
     return _judged(ctx, post, place, measurements)
 

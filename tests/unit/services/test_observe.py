@@ -24,6 +24,7 @@ from app.services.keys import Claim, Principal
 from app.services.locations import change_location, delete_location, find_location, get_location
 from app.services.observe import QUICK_BYTES, QUICK_LOOKS, NotQuickError, begin, begin_quick, is_quick, observe
 from app.services.posts import Post
+from app.services.spectra import fitted
 from tests.support.contexts import NOW, history_of, make_location, post_rows, post_states, refit
 
 
@@ -187,6 +188,7 @@ def test_a_post_is_quick_where_it_is_small_and_its_model_is_in_memory(ctx: Conte
 
 def test_a_quick_post_is_stored_told_and_refused_as_any_other(ctx: Context) -> None:
     learned_door(ctx)
+    fitted(ctx, "door")
     heard: list[tuple[str, int]] = []
     ctx.bus.subscribe(lambda message: heard.append((message.kind, message.id)))
     odd = Post(Body(b'{"time": [1], "state": [7]}', JSON))
@@ -214,6 +216,16 @@ def test_a_post_of_many_moments_is_not_quick_and_nothing_of_it_is_stored(ctx: Co
         begin_quick(ctx, "door", post).result(10)
     assert find_location(ctx, "door").observation_seq == 1
     assert begin(ctx, "door", post).result(10).accepted == len(times)
+
+
+def test_no_write_waits_for_a_model_that_another_process_has_made(ctx: Context) -> None:
+    learned_door(ctx)
+    observe(ctx, "door", opened(6000.0, None))
+    refit(ctx, "door")
+    with pytest.raises(NotQuickError):
+        begin_quick(ctx, "door", opened(6060.0, None)).result(10)
+    assert begin(ctx, "door", opened(6060.0, None)).result(10).revision == 2
+    assert begin_quick(ctx, "door", opened(6120.0, None)).result(10).revision == 2
 
 
 def test_of_posts_in_one_group_only_those_that_are_wrong_are_refused(ctx: Context) -> None:
