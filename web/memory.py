@@ -42,13 +42,8 @@ def giving_back(every_s: float = EVERY_S) -> Iterator[None]:
     if trim is None:
         yield
         return
-    worker = Worker("memory", every_s, lambda: trim(0))
-    worker.start()
-    try:
+    with Worker("memory", every_s, lambda: trim(0)).running():
         yield
-    finally:
-        worker.tell_to_end()
-        worker.join()
 
 
 def _of_glibc(name: str) -> Callable[..., Any] | None:

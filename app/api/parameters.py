@@ -29,12 +29,13 @@ class StrictRoute(APIRoute):
         """The handler of a request with known parameters."""
         handle = super().get_route_handler()
         parameters = get_flat_params(self.dependant)
-        known = tuple(each.alias for each in parameters if getattr(each.field_info, "in_", None) is ParamTypes.query)
+        asked_for = (each.alias for each in parameters if getattr(each.field_info, "in_", None) is ParamTypes.query)
+        known = dict.fromkeys(asked_for).keys()
 
         async def handle_known(request: Request) -> Response:
             if request.scope["query_string"]:
                 asked = request.query_params.keys()
-                if not asked <= set(known):
+                if not asked <= known:
                     await run_in_threadpool(of_connection, request)
                     refuse_unknown(asked, known)
             return await handle(request)

@@ -81,7 +81,7 @@ class Writer:
         self, run_all: RunAll[Item, Result], item: Item, then: Callable[[Result], None] | None = None
     ) -> Future[Result]:
         """As `submit`, of an item that is written together with those beside it that have the same `run_all`."""
-        return self.submit_unmade(run_all, partial(_as_it_is, item), then)
+        return self.submit_unmade(run_all, lambda: item, then)
 
     def submit_unmade(
         self, run_all: RunAll[Item, Result], make: Callable[[], Item], then: Callable[[Result], None] | None = None
@@ -224,10 +224,6 @@ class Writer:
             self.trouble.failed(error)
         else:
             log.error("%s: %s", what, " ".join(str(error.orig).split()))
-
-
-def _as_it_is(item: Item) -> Item:
-    return item
 
 
 def _each(work: Work, runs: Sequence[Callable[[Work], Result]]) -> list[Result]:

@@ -1,7 +1,8 @@
 """A worker: one thread that does a round of something now and then, and that no error ends."""
 
 import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from threading import Event, Thread
 
 from app.errors import BusyError, ShuttingDownError, TidemapError
@@ -43,6 +44,16 @@ class Worker:
         """Wait until it has ended."""
         if self._thread.is_alive():
             self._thread.join()
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Begin, and in the end wait until it has ended."""
+        self.start()
+        try:
+            yield
+        finally:
+            self.tell_to_end()
+            self.join()
 
     def alive(self) -> bool:
         """Whether it is at work."""

@@ -1,9 +1,7 @@
 """/locations/{name}/observations"""
 
 import asyncio
-from concurrent.futures import Future
 from contextlib import suppress
-from functools import partial
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Query, Request, Response
@@ -112,27 +110,8 @@ async def _stored(request: Request, name: str, sent: Post) -> Observed:
     if is_quick(ctx, name, sent):
         with suppress(NotQuickError):
             return await asyncio.wrap_future(begin_quick(ctx, name, sent))
-    stored: Future[Observed] = Future()
-    request.app.state.parsing.submit(_begin, stored, ctx, name, sent)
-    return await asyncio.wrap_future(stored)
-
-
-def _begin(stored: "Future[Observed]", ctx: Context, name: str, sent: Post) -> None:
-    """Begin a post; `stored` has its end, so that the event loop hears of it once."""
-    if not stored.set_running_or_notify_cancel():
-        return
-    try:
-        begin(ctx, name, sent).add_done_callback(partial(_end, stored))
-    except BaseException as error:
-        stored.set_exception(error)
-
-
-def _end(stored: "Future[Observed]", pending: "Future[Observed]") -> None:
-    error = pending.exception()
-    if error is None:
-        stored.set_result(pending.result())
-    else:
-        stored.set_exception(error)
+    begun = request.app.state.parsing.submit(begin, ctx, name, sent)
+    return await asyncio.wrap_future(await asyncio.wrap_future(begun))
 
 
 def _name(robot: Principal) -> str | None:

@@ -2,8 +2,6 @@
 
 import logging
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from threading import Event
 
 import pytest
@@ -18,20 +16,10 @@ from tests.support.waiting import until
 LONG_S = 3600.0
 
 
-@contextmanager
-def working(worker: Worker) -> Iterator[None]:
-    worker.start()
-    try:
-        yield
-    finally:
-        worker.tell_to_end()
-        worker.join()
-
-
 def test_it_does_a_round_at_the_start_then_one_each_time_it_is_woken() -> None:
     rounds: list[int] = []
     worker = Worker("counter", LONG_S, lambda: rounds.append(1))
-    with working(worker):
+    with worker.running():
         for expected in (1, 2, 3):
             until(lambda expected=expected: len(rounds) == expected)  # type: ignore[misc]
             worker.wake()
@@ -40,7 +28,7 @@ def test_it_does_a_round_at_the_start_then_one_each_time_it_is_woken() -> None:
 
 def test_it_does_rounds_without_being_woken() -> None:
     rounds: list[int] = []
-    with working(Worker("counter", 0.001, lambda: rounds.append(1))):
+    with Worker("counter", 0.001, lambda: rounds.append(1)).running():
         until(lambda: len(rounds) > 3)
 
 
@@ -55,7 +43,7 @@ def test_an_error_ends_a_round_alone(error: Exception, said: str, caplog: pytest
         raise error
 
     caplog.set_level(logging.INFO)
-    with working(Worker("counter", 0.001, fail)):
+    with Worker("counter", 0.001, fail).running():
         until(lambda: len(rounds) > 3)
     assert said in caplog.text
     assert bool(said) == bool(caplog.text)
@@ -71,7 +59,7 @@ def test_told_to_end_it_leaves_the_round_at_its_next_check() -> None:
             time.sleep(0.001)
 
     worker = Worker("sleeper", LONG_S, work)
-    with working(worker):
+    with worker.running():
         assert begun.wait(10)
     assert not worker.alive()
 
