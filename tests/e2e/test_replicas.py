@@ -86,10 +86,23 @@ def check_published(site: Site, number: int, url: str) -> None:
     assert verified.returncode == 0, verified.stdout
 
 
-def test_a_job_is_done_whoever_was_asked_for_it(replica: Sites, database_url: str) -> None:
-    first = replica(database_url)
+def two(replica: Sites, url: str) -> tuple[Site, Site]:
+    """Two servers, the first on duty."""
+    first = replica(url)
     wait_for_duty(first.server)
-    second = replica(database_url)
+    return first, replica(url)
+
+
+def update_begun(site: Site) -> int:
+    """The number of an update that takes some seconds and has begun."""
+    fill_lab(site)
+    number: int = site.http.post("/locations/lab/update", json={}).json()["id"]
+    until_begun(site, number)
+    return number
+
+
+def test_a_job_is_done_whoever_was_asked_for_it(replica: Sites, database_url: str) -> None:
+    first, second = two(replica, database_url)
     room = second.empty_room()
     assert not on_duty(second.server)
     assert on_duty(first.server)
@@ -102,21 +115,15 @@ def test_a_job_is_done_whoever_was_asked_for_it(replica: Sites, database_url: st
 
 
 def test_one_that_stops_leaves_the_work_to_another(replica: Sites, database_url: str) -> None:
-    first = replica(database_url)
-    wait_for_duty(first.server)
-    second = replica(database_url)
+    first, second = two(replica, database_url)
     assert first.server.stop() == 0
     wait_for_duty(second.server)
     second.update(second.empty_room())
 
 
 def test_one_killed_in_an_update_is_replaced_and_the_update_published_once(replica: Sites, database_url: str) -> None:
-    first = replica(database_url)
-    wait_for_duty(first.server)
-    second = replica(database_url)
-    fill_lab(second)
-    number = second.http.post("/locations/lab/update", json={}).json()["id"]
-    until_begun(second, number)
+    first, second = two(replica, database_url)
+    number = update_begun(second)
     with second.events("?location=lab") as events:
         first.server.kill()
         wait_for_duty(second.server)
@@ -137,12 +144,8 @@ def test_one_killed_in_an_update_is_replaced_and_the_update_published_once(repli
 def test_one_that_was_frozen_does_no_harm_when_it_goes_on(replica: Sites, postgres: Postgres) -> None:
     """PostgreSQL ends its session, another one works, and what it then goes on with is refused."""
     with PostgresDatabases(postgres).migrated() as url:
-        first = replica(url)
-        wait_for_duty(first.server)
-        second = replica(url)
-        fill_lab(second)
-        number = second.http.post("/locations/lab/update", json={}).json()["id"]
-        until_begun(second, number)
+        first, second = two(replica, url)
+        number = update_begun(second)
         os.kill(first.server.process.pid, signal.SIGSTOP)
         try:
             with second.events("?location=lab") as events:
@@ -160,12 +163,8 @@ def test_one_that_was_frozen_does_no_harm_when_it_goes_on(replica: Sites, postgr
 
 def test_one_whose_session_is_ended_gives_up_or_begins_anew(replica: Sites, postgres: Postgres) -> None:
     with PostgresDatabases(postgres).migrated() as url:
-        first = replica(url)
-        wait_for_duty(first.server)
-        second = replica(url)
-        fill_lab(second)
-        number = second.http.post("/locations/lab/update", json={}).json()["id"]
-        until_begun(second, number)
+        first, second = two(replica, url)
+        number = update_begun(second)
         postgres.execute("SELECT pg_terminate_backend(pid) FROM pg_locks WHERE locktype = 'advisory' AND granted")
         until(lambda: "no longer" in first.server.output())
         until(lambda: job(second, number)["finished_at"] is not None)

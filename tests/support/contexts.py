@@ -1,8 +1,8 @@
 """Services in this process, without a server: an open context, a clock to set, and posts."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
-from typing import Any
+from contextlib import AbstractContextManager, contextmanager
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -20,9 +20,12 @@ from app.settings import Settings
 from app.spectral.history import History
 from app.spectral.measurements import Measurements
 from app.storage.records import RevisionRecord
+from app.workers.compactor import Compactor
 from app.workers.duty import Duty
+from app.workers.updater import Updater
 from tests.support.truth import Row, measurements_of
 
+AtWork = TypeVar("AtWork", Duty, Updater, Compactor)
 NOW = 1_700_000_000.0
 """A Tuesday, 22:13:20 UTC."""
 
@@ -56,14 +59,18 @@ def opened(url: str, clock: Clock | None = None, **settings: Any) -> Iterator[Co
 
 
 @contextmanager
-def on_duty(ctx: Context) -> Iterator[Duty]:
-    """This process does the background work, unless another one does already."""
-    duty = Duty(ctx)
-    duty.start()
+def at_work(worker: AtWork) -> Iterator[AtWork]:
+    """What works in the background, at work."""
+    worker.start()
     try:
-        yield duty
+        yield worker
     finally:
-        duty.stop()
+        worker.stop()
+
+
+def on_duty(ctx: Context) -> AbstractContextManager[Duty]:
+    """This process does the background work, unless another one does already."""
+    return at_work(Duty(ctx))
 
 
 def make_location(ctx: Context, name: str = "lab", shape: Sequence[int] | None = None, **form: Any) -> Location:

@@ -28,6 +28,7 @@ from app.workers.duty import Duty
 from app.workers.updater import Updater
 from tests.support.contexts import (
     Clock,
+    at_work,
     compact_now,
     history_of,
     make_location,
@@ -44,20 +45,8 @@ WAIT_S = 20.0
 @contextmanager
 def working(ctx: Context) -> Iterator[Compactor]:
     """A compactor at work."""
-    with on_duty(ctx) as duty:
-        compactor = Compactor(ctx, duty)
-        compactor.start()
-        try:
-            yield compactor
-        finally:
-            compactor.stop()
-
-
-@pytest.fixture
-def lively(sqlite_url: str, clock: Clock) -> Iterator[Context]:
-    """A context whose compactor looks around all the time."""
-    with opened(sqlite_url, clock, updater=True, updater_interval_s=0.02) as ctx:
-        yield ctx
+    with on_duty(ctx) as duty, at_work(Compactor(ctx, duty)) as compactor:
+        yield compactor
 
 
 def compacted(ctx: Context, name: str = "door") -> int:

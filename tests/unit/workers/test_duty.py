@@ -4,6 +4,7 @@ import logging
 import sqlite3
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from threading import Event
 from typing import Any
@@ -22,7 +23,7 @@ from app.workers import duty as duty_module
 from app.workers.compactor import COMPACT_POSTS, Compactor
 from app.workers.duty import Duty, Term
 from app.workers.updater import Updater
-from tests.support.contexts import Clock, make_location, on_duty, opened, post_rows, post_states
+from tests.support.contexts import at_work, make_location, on_duty, post_rows, post_states
 from tests.support.waiting import until
 
 WAIT_S = 20.0
@@ -34,15 +35,19 @@ def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(duty_module, "BEAT_S", 0.02)
 
 
-@pytest.fixture
-def lively(sqlite_url: str, clock: Clock) -> Iterator[Context]:
-    """A context whose workers look around all the time."""
-    with opened(sqlite_url, clock, updater=True, updater_interval_s=0.02) as ctx:
-        yield ctx
-
-
 def lock_file(ctx: Context) -> Path:
     return Path(f"{ctx.settings.url.removeprefix('sqlite:///')}-background")
+
+
+@contextmanager
+def held_elsewhere(ctx: Context) -> Iterator[FileLock]:
+    """Another process is on duty, until its lock is released."""
+    other = FileLock(ctx.settings.url, lock_file(ctx))
+    assert other.take() is not None
+    try:
+        yield other
+    finally:
+        other.release()
 
 
 def take_away(ctx: Context, duty: Duty) -> Term:
@@ -137,20 +142,14 @@ def test_an_update_whose_term_ends_publishes_nothing_and_runs_again(
 
     monkeypatch.setattr(update, "_update_chunk", slow)
     make_lab(lively)
-    with on_duty(lively) as duty:
-        updater = Updater(lively, duty)
-        updater.start()
-        try:
-            job = request_update(lively, "lab", STATIC)
-            assert begun.wait(WAIT_S)
-            take_away(lively, duty)
-            until(lambda: duty.term is not None)
-            assert find_location(lively, "lab").revision == 0
-            go_on.set()
-            until(lambda: get_job(lively, job.id).state == "done")
-        finally:
-            go_on.set()
-            updater.stop()
+    with on_duty(lively) as duty, at_work(Updater(lively, duty)):
+        job = request_update(lively, "lab", STATIC)
+        assert begun.wait(WAIT_S)
+        take_away(lively, duty)
+        until(lambda: duty.term is not None)
+        assert find_location(lively, "lab").revision == 0
+        go_on.set()
+        until(lambda: get_job(lively, job.id).state == "done")
     assert len(fitted) > find_location(lively, "lab").n_chunks, "it ran again"
     with lively.store.read() as work:
         published = work.spectra.current()[find_location(lively, "lab").id]
@@ -163,59 +162,37 @@ def test_jobs_that_others_run_are_left_alone(lively: Context) -> None:
     make_location(lively, "door")
     post_states(lively, "door", [0.0, 60.0], [0, 1])
     job = request_update(lively, "door", STATIC)
-    other = FileLock(lively.settings.url, lock_file(lively))
-    assert other.take() is not None
     claim_job(lively, frozenset())
-    with on_duty(lively) as duty:
-        updater = Updater(lively, duty)
-        updater.start()
-        try:
-            time.sleep(0.2)
-            assert updater.alive()
-            assert get_job(lively, job.id).state == "running"
-            other.release()
-            until(lambda: get_job(lively, job.id).state == "done")
-        finally:
-            updater.stop()
+    with held_elsewhere(lively) as other, on_duty(lively) as duty, at_work(Updater(lively, duty)) as updater:
+        time.sleep(0.2)
+        assert updater.alive()
+        assert get_job(lively, job.id).state == "running"
+        other.release()
+        until(lambda: get_job(lively, job.id).state == "done")
 
 
 def test_jobs_that_the_holder_between_left_run_again(lively: Context) -> None:
     """This process was on duty before, and had left nothing running."""
     make_location(lively, "door")
     post_states(lively, "door", [0.0, 60.0], [0, 1])
-    with on_duty(lively) as duty:
-        updater = Updater(lively, duty)
-        updater.start()
-        try:
-            until(lambda: updater._settled is not None)
-            other = FileLock(lively.settings.url, lock_file(lively))
-            until(lambda: steal(lively, other))
-            until(lambda: duty.term is None)
-            job = request_update(lively, "door", STATIC)
-            assert claim_job(lively, frozenset()) is not None
-            other.release()
-            until(lambda: get_job(lively, job.id).state == "done")
-        finally:
-            updater.stop()
+    with on_duty(lively) as duty, at_work(Updater(lively, duty)) as updater:
+        until(lambda: updater._settled is not None)
+        other = FileLock(lively.settings.url, lock_file(lively))
+        until(lambda: steal(lively, other))
+        until(lambda: duty.term is None)
+        job = request_update(lively, "door", STATIC)
+        assert claim_job(lively, frozenset()) is not None
+        other.release()
+        until(lambda: get_job(lively, job.id).state == "done")
 
 
 def test_off_duty_too_it_finds_out_when_the_database_can_be_written_again(lively: Context) -> None:
     """A server that is not ready gets no posts that would show it."""
-    other = FileLock(lively.settings.url, lock_file(lively))
-    assert other.take() is not None
-    with on_duty(lively) as duty:
-        updater = Updater(lively, duty)
-        updater.start()
-        try:
-            lively.store._writer.trouble.failed(
-                OperationalError("INSERT", {}, sqlite3.OperationalError("disk is full"))
-            )
-            assert lively.store.trouble() is not None
-            until(lambda: lively.store.trouble() is None)
-            assert duty.term is None
-        finally:
-            updater.stop()
-            other.release()
+    with held_elsewhere(lively), on_duty(lively) as duty, at_work(Updater(lively, duty)):
+        lively.store._writer.trouble.failed(OperationalError("INSERT", {}, sqlite3.OperationalError("disk is full")))
+        assert lively.store.trouble() is not None
+        until(lambda: lively.store.trouble() is None)
+        assert duty.term is None
 
 
 def test_off_duty_nothing_is_compacted_but_posts_are_slowed_down(
@@ -223,22 +200,15 @@ def test_off_duty_nothing_is_compacted_but_posts_are_slowed_down(
 ) -> None:
     monkeypatch.setattr("app.workers.compactor.LATE_MEASUREMENTS", 100)
     make_location(lively, "door")
-    other = FileLock(lively.settings.url, lock_file(lively))
-    assert other.take() is not None
-    with on_duty(lively) as duty:
-        compactor = Compactor(lively, duty)
-        compactor.start()
-        try:
-            for _ in range(COMPACT_POSTS):
-                post_states(lively, "door", [0.0], [1])
-            until(lambda: compactor._waiting == COMPACT_POSTS)
+    with held_elsewhere(lively) as other, on_duty(lively) as duty, at_work(Compactor(lively, duty)) as compactor:
+        for _ in range(COMPACT_POSTS):
             post_states(lively, "door", [0.0], [1])
-            assert lively.store._writer.rest_s > 0
-            assert find_location(lively, "door").compacted_seq == 0
-            other.release()
-            until(lambda: find_location(lively, "door").compacted_seq >= COMPACT_POSTS)
-        finally:
-            compactor.stop()
+        until(lambda: compactor._waiting == COMPACT_POSTS)
+        post_states(lively, "door", [0.0], [1])
+        assert lively.store._writer.rest_s > 0
+        assert find_location(lively, "door").compacted_seq == 0
+        other.release()
+        until(lambda: find_location(lively, "door").compacted_seq >= COMPACT_POSTS)
 
 
 def test_a_compaction_whose_term_ends_stores_nothing(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:

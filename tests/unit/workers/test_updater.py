@@ -27,7 +27,17 @@ from app.storage.tables import history
 from app.workers import updater as updater_module
 from app.workers.duty import Duty
 from app.workers.updater import Updater, is_due
-from tests.support.contexts import NOW, Clock, compact_now, make_location, on_duty, opened, post_rows, post_states
+from tests.support.contexts import (
+    NOW,
+    Clock,
+    at_work,
+    compact_now,
+    make_location,
+    on_duty,
+    opened,
+    post_rows,
+    post_states,
+)
 
 WAIT_S = 20.0
 STATIC = UpdateRequest(estimator="static")
@@ -36,20 +46,8 @@ STATIC = UpdateRequest(estimator="static")
 @contextmanager
 def working(ctx: Context) -> Iterator[Updater]:
     """An updater at work."""
-    with on_duty(ctx) as duty:
-        updater = Updater(ctx, duty)
-        updater.start()
-        try:
-            yield updater
-        finally:
-            updater.stop()
-
-
-@pytest.fixture
-def lively(sqlite_url: str, clock: Clock) -> Iterator[Context]:
-    """A context whose updater looks around all the time."""
-    with opened(sqlite_url, clock, updater=True, updater_interval_s=0.02) as ctx:
-        yield ctx
+    with on_duty(ctx) as duty, at_work(Updater(ctx, duty)) as updater:
+        yield updater
 
 
 def until(condition: Callable[[], Any]) -> Any:
