@@ -45,7 +45,7 @@ $(READY): pyproject.toml constraints.txt
 	@echo "Set up."
 
 run: setup ## Start the server with a live demo world; HOST=, PORT= and DATA= may be given
-	@exec .venv/bin/python -m app.cli serve --host "$(HOST)" --port "$(PORT)" --data "$(DATA)" --demo
+	@exec .venv/bin/python -m tidemap.cli serve --host "$(HOST)" --port "$(PORT)" --data "$(DATA)" --demo
 
 test: lint browser ## Check, then run every test, with PostgreSQL and a real browser
 	@.venv/bin/python -m pytest $(PYTEST)

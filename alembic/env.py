@@ -2,9 +2,9 @@
 
 from alembic import context
 
-from app.settings import Settings
-from app.storage.engine import open_writer
-from app.storage.tables import metadata
+from tidemap.settings import Settings
+from tidemap.storage.engine import open_writer
+from tidemap.storage.tables import metadata
 
 
 def run(connection: object) -> None:

@@ -12,10 +12,10 @@ from pathlib import Path
 
 from playwright.sync_api import Page, ViewportSize
 
-from app.client import Client
 from tests.support.chromium import driving, find_chromium, launch
 from tests.support.paths import ROOT
 from tests.support.server import ServerProcess
+from tidemap.client import Client
 
 IMAGES = ROOT / "docs" / "images"
 BUILDING = "building"

@@ -1,10 +1,10 @@
-"""The table of settings in operations.md, written from app/settings.py: `python -m docs.settings_table`."""
+"""The table of settings in operations.md, written from app/tidemap/settings.py: `python -m docs.settings_table`."""
 
 import re
 from pathlib import Path
 from typing import Any
 
-from app.settings import Settings
+from tidemap.settings import Settings
 
 PAGE = Path(__file__).parent / "operations.md"
 _TABLE = re.compile(r"(?<=<!-- begin settings -->\n).*(?=<!-- end settings -->)", re.DOTALL)

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
-from app.spectral.evaluation import score
-from app.spectral.recipe import Recipe
 from docs.paper import recordings
 from docs.paper.document import number, table
 from docs.paper.forecasts import automatic, with_recipe
+from tidemap.spectral.evaluation import score
+from tidemap.spectral.recipe import Recipe
 
 NEEDS = recordings.BRAINS4BUILDINGS
 CHANGE, STOP = 20 * 96, 24 * 96

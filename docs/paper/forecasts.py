@@ -5,15 +5,15 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from app.spectral.civil import civil_seconds
-from app.spectral.estimators import fit_recipe
-from app.spectral.history import UNOBSERVED, History
-from app.spectral.prediction import predict_times
-from app.spectral.recipe import Recipe
-from app.spectral.selection import choose
-from app.spectral.timebase import TimeBase
-from app.spectral.window import fit_window
 from tests.unit.spectral.rivals import KINDS, histogram
+from tidemap.spectral.civil import civil_seconds
+from tidemap.spectral.estimators import fit_recipe
+from tidemap.spectral.history import UNOBSERVED, History
+from tidemap.spectral.prediction import predict_times
+from tidemap.spectral.recipe import Recipe
+from tidemap.spectral.selection import choose
+from tidemap.spectral.timebase import TimeBase
+from tidemap.spectral.window import fit_window
 
 Samples = NDArray[np.int64]
 Probability = NDArray[np.floating]

@@ -8,12 +8,6 @@ import scipy.fft
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from app.spectral.anomaly import is_anomalous
-from app.spectral.history import History
-from app.spectral.model import Model, update
-from app.spectral.prediction import predict_times
-from app.spectral.spectrum import components
-from app.spectral.timebase import TimeBase
 from docs.paper import recordings, style
 from docs.paper.document import table
 from docs.paper.forecasts import automatic
@@ -21,6 +15,12 @@ from docs.paper.orders import Row
 from docs.paper.recordings import DAY_S, SECONDS, WEEK_MINUTES, Runs, runs
 from tests.support.office import Office
 from tests.unit.spectral.real import MONDAY
+from tidemap.spectral.anomaly import is_anomalous
+from tidemap.spectral.history import History
+from tidemap.spectral.model import Model, update
+from tidemap.spectral.prediction import predict_times
+from tidemap.spectral.spectrum import components
+from tidemap.spectral.timebase import TimeBase
 
 SHOWN_ORDER, FORECAST_ORDER, ANOMALY_ORDER = 3, 2, 15
 CONFIDENCE = 0.95

@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 
-from app.spectral.model import Model, accuracy, update
-from app.spectral.outliers import count, find_outliers
 from docs.paper.document import number
 from docs.paper.recordings import SECONDS, history
 from tests.support.office import Office, Signal
+from tidemap.spectral.model import Model, accuracy, update
+from tidemap.spectral.outliers import count, find_outliers
 
 ORDERS = range(21)
 

@@ -5,15 +5,15 @@ from pathlib import Path
 
 import numpy as np
 
-from app.spectral.evaluation import Scores, score
-from app.spectral.history import History
-from app.spectral.recipe import Recipe
-from app.spectral.timebase import TimeBase
 from docs.paper import recordings
 from docs.paper.document import number, table
 from docs.paper.forecasts import ORDERS, Probability, automatic, histograms, with_recipe
 from docs.paper.recordings import WEEK_MINUTES
 from tests.unit.spectral.real import MONDAY
+from tidemap.spectral.evaluation import Scores, score
+from tidemap.spectral.history import History
+from tidemap.spectral.recipe import Recipe
+from tidemap.spectral.timebase import TimeBase
 
 NEEDS = recordings.OFFICE
 BASE = TimeBase(MONDAY, 60.0)

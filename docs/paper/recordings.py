@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from app.spectral.history import History
-from app.spectral.timebase import TimeBase
 from tests.support.office import Office, Signal, read_office
 from tests.support.paths import ROOT
 from tests.unit.spectral import real
+from tidemap.spectral.history import History
+from tidemap.spectral.timebase import TimeBase
 
 FOLDER = ROOT.parent / "shared" / "data"
 OFFICE = ("office/week.csv.gz", "office/day_1.csv.gz", "office/day_2.csv.gz", "office/day_3.csv.gz")

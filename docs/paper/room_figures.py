@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from app.spectral.anomaly import is_anomalous
-from app.spectral.evaluation import Reliability, expected_calibration_error, reliability
 from docs.paper import style
 from docs.paper.document import number, table
 from docs.paper.office_figures import mark
 from docs.paper.recordings import WEEK_MINUTES, runs
 from docs.paper.weeks import AUTO, Room
+from tidemap.spectral.anomaly import is_anomalous
+from tidemap.spectral.evaluation import Reliability, expected_calibration_error, reliability
 
 SHOWN = (0, 2, 8)
 CONFIDENCE = 0.9

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from app.spectral.evaluation import Scores, expected_calibration_error, reliability, score
 from docs.paper import recordings, room_figures
 from docs.paper.document import number, table
 from docs.paper.weeks import AUTO, Room, every_room
+from tidemap.spectral.evaluation import Scores, expected_calibration_error, reliability, score
 
 NEEDS = recordings.ARUBA
 FAMILIES = (AUTO, "fft", "day", "weekend", "weekday")

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from app.spectral import waves
-from app.spectral.recipe import Week
 from docs.paper.document import table
+from tidemap.spectral import waves
+from tidemap.spectral.recipe import Week
 
 NEEDS: tuple[str, ...] = ()
 KINDS = ("of every day", "of weekends only", "of single weekdays")

@@ -7,15 +7,15 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from app.spectral.estimators import fit_recipe
-from app.spectral.history import History
-from app.spectral.prediction import predict_times
-from app.spectral.recipe import Recipe
-from app.spectral.spectrum import truncate
-from app.spectral.window import fit_window
 from docs.paper import recordings
 from docs.paper.forecasts import ORDERS, Probability, Samples, automatic, histograms
 from docs.paper.recordings import WEEK_MINUTES as WEEK
+from tidemap.spectral.estimators import fit_recipe
+from tidemap.spectral.history import History
+from tidemap.spectral.prediction import predict_times
+from tidemap.spectral.recipe import Recipe
+from tidemap.spectral.spectrum import truncate
+from tidemap.spectral.window import fit_window
 
 FIRST, LAST = 8, 16
 AUTO = "auto"

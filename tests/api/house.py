@@ -15,10 +15,10 @@ import pyarrow as pa
 from anyio.from_thread import BlockingPortal, start_blocking_portal
 from fastapi import FastAPI
 
-from app.services.context import Context, open_context
-from app.settings import Settings
-from app.storage.store import prepare_database
-from web.site import open_site
+from tidemap.services.context import Context, open_context
+from tidemap.settings import Settings
+from tidemap.storage.store import prepare_database
+from tidemap_web.site import open_site
 
 NOW = 1772409600.0
 """Monday, 2 March 2026, 00:00 UTC."""

@@ -16,10 +16,10 @@ from schemathesis.core.parameters import ParameterLocation
 from schemathesis.schemas import APIOperation, BaseSchema
 from schemathesis.specs.openapi import checks
 
-from app.api.main import BASE, ROUTERS
-from app.services.keys import create_key
 from tests.api.house import Api, done, open_house
 from tests.api.refusals import Untouched, furnished
+from tidemap.api.main import BASE, ROUTERS
+from tidemap.services.keys import create_key
 
 EXAMPLES = 30
 """Requests to each operation in each mode."""

@@ -328,7 +328,7 @@ SPOILS: list[tuple[str, str, dict[str, Any]]] = [
 def test_one_bad_measurement_of_many_refuses_all(
     site: Untouched, way: Callable[..., Case], spoil: int, at: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.ingest.observation.BLOCK", 10_000)
+    monkeypatch.setattr("tidemap.ingest.observation.BLOCK", 10_000)
     path, field, bad = SPOILS[spoil]
     table = {
         "time": NOW - DAY + np.arange(MANY),

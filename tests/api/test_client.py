@@ -14,9 +14,9 @@ import httpx
 import numpy as np
 import pytest
 
-from app.client import AsyncClient, Client, Patience, TidemapError
-from app.client.operation import Awaited
 from tests.support.server import ServerProcess, StartServer
+from tidemap.client import AsyncClient, Client, Patience, TidemapError
+from tidemap.client.operation import Awaited
 
 DAY_S = 86400.0
 START = 1_767_225_600.0  # 2026-01-01 00:00 UTC, a Thursday

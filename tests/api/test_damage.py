@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from sqlalchemy import text
 
-from app.client import answers
-from app.formats.arrow import ARROW
-from app.storage.engine import open_writer
 from tests.api.house import NOW, Api, done, open_house, problem
+from tidemap.client import answers
+from tidemap.formats.arrow import ARROW
+from tidemap.storage.engine import open_writer
 
 
 @pytest.fixture

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import pytest
 
-from app.client import Client, Patience
-from app.demo import live
-from app.demo.locations import BUILDING, FORMS, MIN_CELLS, PLACES, NotTheDemoError
-from app.demo.posting import Posted
-from app.demo.progress import Silent
-from app.demo.robot import INTERVAL_S
-from app.demo.seed import phases, seed
-from app.demo.story import planted
 from tests.support.server import ServerProcess, StartServer
+from tidemap.client import Client, Patience
+from tidemap.demo import live
+from tidemap.demo.locations import BUILDING, FORMS, MIN_CELLS, PLACES, NotTheDemoError
+from tidemap.demo.posting import Posted
+from tidemap.demo.progress import Silent
+from tidemap.demo.robot import INTERVAL_S
+from tidemap.demo.seed import phases, seed
+from tidemap.demo.story import planted
 
 HOUR_S = 3600.0
 

@@ -16,11 +16,11 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import boolean_dtypes, floating_dtypes, integer_dtypes, scalar_dtypes
 
-from app.errors import InvalidInputError, UnreadableBodyError
-from app.ingest.observation import ARROW, JSON, NPY, Body, Target, parse
-from app.space.grid import SINGLE, Grid
 from tests.api.house import HOUR, NOW, arrow, npy, npy_file, problem
 from tests.api.refusals import DOOR, LAB, Untouched
+from tidemap.errors import InvalidInputError, UnreadableBodyError
+from tidemap.ingest.observation import ARROW, JSON, NPY, Body, Target, parse
+from tidemap.space.grid import SINGLE, Grid
 
 TARGETS = {
     "state": Target("state", SINGLE, NOW),

@@ -6,10 +6,10 @@ import httpx
 import pytest
 from sqlalchemy import text
 
-from app.api.main import create_app
-from app.storage.engine import open_writer
 from tests.api.house import NOW, Api, Http, done, open_house, problem
 from tests.support.waiting import until
+from tidemap.api.main import create_app
+from tidemap.storage.engine import open_writer
 
 MISSED = '/locations/{name}",status="404"} 1.0'
 

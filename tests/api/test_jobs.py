@@ -8,8 +8,8 @@ from threading import Event
 
 import pytest
 
-from app.services import jobs
 from tests.api.house import DAY, NOW, Api, done, fortnight, open_house, problem
+from tidemap.services import jobs
 
 ANSWERED = {"id", "kind", "location", "state", "progress", "error", "result"}
 
@@ -102,7 +102,7 @@ def held_up(api: Api, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         go_on.wait(30)
         run_job(*arguments)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("app.workers.updater.run_job", wait_first)
+    monkeypatch.setattr("tidemap.workers.updater.run_job", wait_first)
     try:
         yield
     finally:
@@ -157,7 +157,7 @@ def test_a_job_that_was_cut_short_runs_again(tmp_path: Path, monkeypatch: pytest
     with open_house(tmp_path) as api:
         name = api.place(estimator="fft", order=1)
         api.observe(name, *fortnight())
-        monkeypatch.setattr("app.workers.updater.run_job", lambda *_: None)
+        monkeypatch.setattr("tidemap.workers.updater.run_job", lambda *_: None)
         job = done(api.post(f"/locations/{name}/update?wait=0.2", {}), 202)
         assert done(api.get(f"/jobs/{job['id']}"))["state"] == "running"
     monkeypatch.undo()

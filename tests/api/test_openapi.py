@@ -8,8 +8,8 @@ from urllib.parse import unquote
 
 import pytest
 
-from app.services.keys import delete_key
 from tests.api.house import ARROW, BASE, GRID, NOW, NPY, PROBLEM, Api, done, fortnight, problem
+from tidemap.services.keys import delete_key
 
 # What API.md fixes: method, path, the statuses of success.
 CONTRACT = {

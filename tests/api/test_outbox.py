@@ -14,8 +14,8 @@ import httpx
 import numpy as np
 import pytest
 
-from app.client import AsyncClient, Client, OutboxFullError, Patience, Pending, Queued
 from tests.support.server import ServerProcess, StartServer
+from tidemap.client import AsyncClient, Client, OutboxFullError, Patience, Pending, Queued
 
 OUT_OF_RANGE = "http://127.0.0.1:9"
 GRID = (np.arange(24) % 3 - 1).reshape(4, 3, 2)

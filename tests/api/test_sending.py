@@ -13,18 +13,18 @@ import pyarrow as pa
 import pytest
 import uvicorn
 
-from app.services.context import Context
-from app.services.locations import find_location
-from app.services.predict import StateQuery, state_at
-from app.spectral.recipe import Recipe
-from app.spectral.spectrum import Spectrum
-from app.storage.records import CHUNK_CELLS, RevisionRecord
 from tests.api.house import ARROW
 from tests.support.contexts import make_location, opened
 from tests.support.databases import migrate_to_head
 from tests.support.waiting import until
-from web.serve import configure
-from web.site import open_site
+from tidemap.services.context import Context
+from tidemap.services.locations import find_location
+from tidemap.services.predict import StateQuery, state_at
+from tidemap.spectral.recipe import Recipe
+from tidemap.spectral.spectrum import Spectrum
+from tidemap.storage.records import CHUNK_CELLS, RevisionRecord
+from tidemap_web.serve import configure
+from tidemap_web.site import open_site
 
 SIDE = 1000
 """The answer has 10 MB, more than the sockets of both ends hold."""

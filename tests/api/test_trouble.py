@@ -8,8 +8,8 @@ from threading import Event
 import pytest
 from sqlalchemy import text
 
-from app.storage.engine import open_writer
 from tests.api.house import NOW, Api, done, fortnight, open_house, problem
+from tidemap.storage.engine import open_writer
 
 
 @contextmanager
@@ -114,7 +114,7 @@ def test_an_error_that_nobody_foresaw_shows_nothing_of_the_inside(
         raise RuntimeError("the secret is in /etc/tidemap")
 
     with open_house(tmp_path) as api:
-        monkeypatch.setattr("app.api.routers.locations.locations.get_location", fail)
+        monkeypatch.setattr("tidemap.api.routers.locations.locations.get_location", fail)
         answer = api.get("/locations/door")
         found = problem(answer, 500)
         assert "secret" not in answer.text

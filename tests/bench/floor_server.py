@@ -17,8 +17,8 @@ from fastapi import Request, Response
 
 from tests.bench import databases
 from tests.support.contexts import opened
-from web.serve import SWITCH_S, configure
-from web.site import open_site
+from tidemap_web.serve import SWITCH_S, configure
+from tidemap_web.site import open_site
 
 Receive = Callable[[], Awaitable[dict[str, Any]]]
 Send = Callable[[dict[str, Any]], Awaitable[None]]

@@ -6,13 +6,13 @@ from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
 
-from app.ingest.observation import ARROW
 from tests.bench import lab
 from tests.bench.databases import OpenDatabase
 from tests.bench.load import Target, floor_server, request
 from tests.bench.timing import Figure, quantile
 from tests.support.contexts import Clock, opened
 from tests.support.server import ServerProcess
+from tidemap.ingest.observation import ARROW
 
 CONNECTIONS, POSTS, ROUNDS = 16, 400, 5
 PATH = f"/api/v1/locations/{lab.NAME}/observations"

@@ -4,15 +4,15 @@ import time
 
 import numpy as np
 
-from app.client.encoding import arrow, look
-from app.ingest.observation import ARROW, Body
-from app.schemas.locations import LocationForm
-from app.services.context import Context
-from app.services.locations import create_location, find_location
-from app.services.observe import observe
-from app.services.posts import Post
-from app.services.update import UpdateRequest, run_update
-from app.workers.executors import LocalExecutor
+from tidemap.client.encoding import arrow, look
+from tidemap.ingest.observation import ARROW, Body
+from tidemap.schemas.locations import LocationForm
+from tidemap.services.context import Context
+from tidemap.services.locations import create_location, find_location
+from tidemap.services.observe import observe
+from tidemap.services.posts import Post
+from tidemap.services.update import UpdateRequest, run_update
+from tidemap.workers.executors import LocalExecutor
 
 NAME, SHAPE, INTERVAL_S, DAY_S = "lab", (100, 100, 10), 300.0, 86_400.0
 BOX = (slice(15, 75), slice(25, 75), slice(0, 5))

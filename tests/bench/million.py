@@ -6,18 +6,18 @@ from math import prod
 
 import numpy as np
 
-from app.client.encoding import arrow, look
-from app.ingest.observation import ARROW, Body
-from app.schemas.locations import LocationForm
-from app.services.context import Context
-from app.services.locations import create_location, find_location
-from app.services.observe import observe
-from app.services.posts import Post
-from app.spectral.history import History
-from app.spectral.segment import SEGMENT_SAMPLES, Segment
-from app.storage.blobs import pack_segment
-from app.storage.records import CHUNK_CELLS
-from app.storage.segments import SegmentKey
+from tidemap.client.encoding import arrow, look
+from tidemap.ingest.observation import ARROW, Body
+from tidemap.schemas.locations import LocationForm
+from tidemap.services.context import Context
+from tidemap.services.locations import create_location, find_location
+from tidemap.services.observe import observe
+from tidemap.services.posts import Post
+from tidemap.spectral.history import History
+from tidemap.spectral.segment import SEGMENT_SAMPLES, Segment
+from tidemap.storage.blobs import pack_segment
+from tidemap.storage.records import CHUNK_CELLS
+from tidemap.storage.segments import SegmentKey
 
 NAME, SHAPE, INTERVAL_S, N_SAMPLES = "hall", (200, 200, 25), 300.0, 2016
 NOISE, EVERY = 0.02, 10

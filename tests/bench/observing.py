@@ -3,16 +3,16 @@
 import time
 from threading import Event
 
-from app.ingest.observation import ARROW, Body, Target, parse
-from app.services.context import Context
-from app.services.observe import begin
-from app.services.posts import Post
-from app.space.grid import Grid
-from app.storage.blobs import pack_measurements
 from tests.bench import lab
 from tests.bench.databases import OpenDatabase, OpenRaw
 from tests.bench.timing import Figure, interleaved
 from tests.support.contexts import Clock, opened
+from tidemap.ingest.observation import ARROW, Body, Target, parse
+from tidemap.services.context import Context
+from tidemap.services.observe import begin
+from tidemap.services.posts import Post
+from tidemap.space.grid import Grid
+from tidemap.storage.blobs import pack_measurements
 
 BATCH, ROUNDS = 100, 9
 

@@ -4,9 +4,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from app.services.context import Context
-from app.storage.store import Store
 from tests.support.contexts import opened
+from tidemap.services.context import Context
+from tidemap.storage.store import Store
 
 
 @pytest.fixture

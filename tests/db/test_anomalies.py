@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.errors import AnomalyNotFoundError
-from app.storage.anomalies import EventFilter
-from app.storage.records import AnomalyRecord, LocationRecord
-from app.storage.store import Store
-from app.storage.work import Work
 from tests.db.test_locations import VALUES
+from tidemap.errors import AnomalyNotFoundError
+from tidemap.storage.anomalies import EventFilter
+from tidemap.storage.records import AnomalyRecord, LocationRecord
+from tidemap.storage.store import Store
+from tidemap.storage.work import Work
 
 
 @pytest.fixture

@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 from sqlalchemy import Table, delete, select, update
 
-from app.errors import CorruptChunkError
-from app.schemas.locations import LocationPatch
-from app.schemas.maps import EvaluateForm
-from app.services.anomalies import DetectQuery, EventQuery, acknowledge, detect, list_events
-from app.services.context import Context
-from app.services.evaluate import evaluate
-from app.services.locations import change_location, delete_location, find_location
-from app.services.model import model_of
-from app.services.predict import PredictQuery, StateQuery, predict_at, state_at
-from app.services.series import series
-from app.services.verify import Finding, verify
-from app.storage.tables import anomaly, history, observation, spectrum
-from app.storage.work import Work
 from tests.support.contexts import compact_now, history_of, make_location, post_rows, post_states, refit
+from tidemap.errors import CorruptChunkError
+from tidemap.schemas.locations import LocationPatch
+from tidemap.schemas.maps import EvaluateForm
+from tidemap.services.anomalies import DetectQuery, EventQuery, acknowledge, detect, list_events
+from tidemap.services.context import Context
+from tidemap.services.evaluate import evaluate
+from tidemap.services.locations import change_location, delete_location, find_location
+from tidemap.services.model import model_of
+from tidemap.services.predict import PredictQuery, StateQuery, predict_at, state_at
+from tidemap.services.series import series
+from tidemap.services.verify import Finding, verify
+from tidemap.storage.tables import anomaly, history, observation, spectrum
+from tidemap.storage.work import Work
 
 MINUTE = 60.0
 CELLS = (0, 1030, 1031, 2400)

@@ -2,9 +2,9 @@
 
 from sqlalchemy import text
 
-from app.storage.engine import open_reader, open_writer
-from app.storage.migrate import check_version, current_version
 from tests.support.databases import Databases
+from tidemap.storage.engine import open_reader, open_writer
+from tidemap.storage.migrate import check_version, current_version
 
 
 def test_a_migrated_database_has_the_current_schema(database_url: str) -> None:

@@ -18,19 +18,19 @@ from hypothesis.stateful import (
 )
 from sqlalchemy import func, select
 
-from app.schemas.locations import LocationPatch
-from app.services.context import Context
-from app.services.history import last_seen
-from app.services.locations import change_location, delete_location, find_location
-from app.services.verify import Finding, verify
-from app.spectral.history import NEVER, UNOBSERVED
-from app.spectral.timebase import TimeBase
-from app.storage.engine import open_reader
-from app.storage.records import CHUNK_CELLS
-from app.storage.tables import metadata
 from tests.support.contexts import compact_now, history_of, make_location, opened, post_rows, refit
 from tests.support.databases import Databases
 from tests.support.truth import Row, Truth, put, states_of
+from tidemap.schemas.locations import LocationPatch
+from tidemap.services.context import Context
+from tidemap.services.history import last_seen
+from tidemap.services.locations import change_location, delete_location, find_location
+from tidemap.services.verify import Finding, verify
+from tidemap.spectral.history import NEVER, UNOBSERVED
+from tidemap.spectral.timebase import TimeBase
+from tidemap.storage.engine import open_reader
+from tidemap.storage.records import CHUNK_CELLS
+from tidemap.storage.tables import metadata
 
 SHAPE = (13, 10, 9)
 BASE = TimeBase(1000.25, 60.0)

@@ -5,10 +5,10 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from app.errors import JobNotFoundError, LocationNotFoundError
-from app.storage.records import LocationRecord
-from app.storage.store import Store
 from tests.db.test_locations import VALUES
+from tidemap.errors import JobNotFoundError, LocationNotFoundError
+from tidemap.storage.records import LocationRecord
+from tidemap.storage.store import Store
 
 
 @pytest.fixture

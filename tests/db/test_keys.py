@@ -5,10 +5,10 @@ import hashlib
 import pytest
 from sqlalchemy import select
 
-from app.errors import KeyNotFoundError, UnauthorizedError
-from app.services.context import Context
-from app.services.keys import by_secret, by_session, create_key, delete_key, list_keys, session_of
-from app.storage.tables import api_key
+from tidemap.errors import KeyNotFoundError, UnauthorizedError
+from tidemap.services.context import Context
+from tidemap.services.keys import by_secret, by_session, create_key, delete_key, list_keys, session_of
+from tidemap.storage.tables import api_key
 
 
 def test_no_row_holds_the_secret(ctx: Context) -> None:

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from sqlalchemy import func, select
 
-from app.errors import LocationExistsError, LocationNotFoundError
-from app.services.context import Context
-from app.services.jobs import request_update
-from app.services.locations import delete_location
-from app.services.update import UpdateRequest
-from app.storage.records import AnomalyRecord
-from app.storage.store import Store
-from app.storage.tables import metadata
-from app.storage.work import Work
 from tests.support.contexts import NOW, compact_now, make_location, post_rows, refit
+from tidemap.errors import LocationExistsError, LocationNotFoundError
+from tidemap.services.context import Context
+from tidemap.services.jobs import request_update
+from tidemap.services.locations import delete_location
+from tidemap.services.update import UpdateRequest
+from tidemap.storage.records import AnomalyRecord
+from tidemap.storage.store import Store
+from tidemap.storage.tables import metadata
+from tidemap.storage.work import Work
 
 VALUES: dict[str, Any] = {
     "name": "door",

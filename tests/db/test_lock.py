@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 from sqlalchemy import text
 
-from app.errors import OffDutyError
-from app.storage.engine import open_writer
-from app.storage.lock import FileLock, Lock, open_lock
-from app.storage.store import Store
 from tests.support.databases import PostgresDatabases, migrate_to_head
 from tests.support.paths import ROOT
 from tests.support.postgres import Postgres
 from tests.support.waiting import until
+from tidemap.errors import OffDutyError
+from tidemap.storage.engine import open_writer
+from tidemap.storage.lock import FileLock, Lock, open_lock
+from tidemap.storage.store import Store
 
 
 @pytest.fixture
@@ -120,7 +120,7 @@ def test_a_holder_notices_that_it_is_lost(locks: tuple[Lock, Lock], database_url
 
 HOLDER = """
 import sys
-from app.storage.lock import open_lock
+from tidemap.storage.lock import open_lock
 
 lock = open_lock(sys.argv[1])
 print(lock.take() is not None, flush=True)

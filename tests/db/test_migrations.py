@@ -9,10 +9,10 @@ from alembic.runtime.migration import MigrationContext
 from sqlalchemy import Connection, insert, inspect, select, text, update
 from sqlalchemy.dialects import postgresql
 
-from app.errors import DatabaseUnusableError, SchemaVersionError
-from app.storage.engine import open_writer
-from app.storage.store import Store, check_server, migrate_database, prepare_database
-from app.storage.tables import api_key, metadata
+from tidemap.errors import DatabaseUnusableError, SchemaVersionError
+from tidemap.storage.engine import open_writer
+from tidemap.storage.store import Store, check_server, migrate_database, prepare_database
+from tidemap.storage.tables import api_key, metadata
 
 KEY = {"name": "door", "role": "robot", "prefix": "tm_", "hash": b"h", "created_at": 1.0}
 

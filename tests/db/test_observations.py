@@ -6,15 +6,15 @@ from dataclasses import replace
 import pytest
 from sqlalchemy import select, update
 
-from app.services.context import Context
-from app.services.locations import delete_location, find_location
-from app.storage.blobs import pack_measurements
-from app.storage.records import LocationRecord, ObservationRecord
-from app.storage.store import Store
-from app.storage.tables import observation
 from tests.db.test_locations import VALUES
 from tests.support.contexts import history_of, make_location, opened, post_rows
 from tests.support.truth import Row, measurements_of
+from tidemap.services.context import Context
+from tidemap.services.locations import delete_location, find_location
+from tidemap.storage.blobs import pack_measurements
+from tidemap.storage.records import LocationRecord, ObservationRecord
+from tidemap.storage.store import Store
+from tidemap.storage.tables import observation
 
 
 @pytest.fixture

@@ -5,19 +5,19 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from app.errors import ShuttingDownError
-from app.schemas.locations import LocationPatch
-from app.services import pruning
-from app.services.context import Context
-from app.services.jobs import cancel_job, claim_job, list_jobs, request_update, run_job
-from app.services.locations import change_location, find_location, get_location
-from app.services.predict import StateQuery, state_at
-from app.services.pruning import KEPT_JOBS, prune
-from app.services.update import UpdateRequest
-from app.services.verify import verify
-from app.settings import DAY_S, WEEK_S
-from app.storage.tables import observation
 from tests.support.contexts import Clock, Serial, compact_now, history_of, make_location, opened, post_rows, refit
+from tidemap.errors import ShuttingDownError
+from tidemap.schemas.locations import LocationPatch
+from tidemap.services import pruning
+from tidemap.services.context import Context
+from tidemap.services.jobs import cancel_job, claim_job, list_jobs, request_update, run_job
+from tidemap.services.locations import change_location, find_location, get_location
+from tidemap.services.predict import StateQuery, state_at
+from tidemap.services.pruning import KEPT_JOBS, prune
+from tidemap.services.update import UpdateRequest
+from tidemap.services.verify import verify
+from tidemap.settings import DAY_S, WEEK_S
+from tidemap.storage.tables import observation
 
 
 @pytest.fixture

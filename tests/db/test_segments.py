@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 from sqlalchemy import select, update
 
-from app.errors import CorruptChunkError
-from app.services.compaction import put_in_place
-from app.services.context import Context
-from app.services.locations import find_location
-from app.spectral.segment import Segment
-from app.storage.blobs import pack_segment
-from app.storage.records import CHUNK_CELLS, LocationRecord
-from app.storage.store import Store
-from app.storage.tables import history, observation
-from app.storage.work import Work
 from tests.db.test_locations import VALUES
 from tests.db.test_observations import append, now
 from tests.support.contexts import compact_now, history_of, make_location, post_rows
+from tidemap.errors import CorruptChunkError
+from tidemap.services.compaction import put_in_place
+from tidemap.services.context import Context
+from tidemap.services.locations import find_location
+from tidemap.spectral.segment import Segment
+from tidemap.storage.blobs import pack_segment
+from tidemap.storage.records import CHUNK_CELLS, LocationRecord
+from tidemap.storage.store import Store
+from tidemap.storage.tables import history, observation
+from tidemap.storage.work import Work
 
 
 @pytest.fixture

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 from sqlalchemy import func, select, update
 
-from app.errors import CorruptChunkError
-from app.services.context import Context
-from app.services.predict import PredictQuery, StateQuery, predict_at, state_at
-from app.services.spectra import fitted
-from app.spectral.recipe import Recipe
-from app.spectral.spectrum import Spectrum, static
-from app.storage.records import LocationRecord, RevisionRecord
-from app.storage.store import Store
-from app.storage.tables import revision, spectrum
-from app.storage.work import Work
 from tests.db.test_locations import VALUES
 from tests.support.contexts import make_location, post_rows, refit
+from tidemap.errors import CorruptChunkError
+from tidemap.services.context import Context
+from tidemap.services.predict import PredictQuery, StateQuery, predict_at, state_at
+from tidemap.services.spectra import fitted
+from tidemap.spectral.recipe import Recipe
+from tidemap.spectral.spectrum import Spectrum, static
+from tidemap.storage.records import LocationRecord, RevisionRecord
+from tidemap.storage.store import Store
+from tidemap.storage.tables import revision, spectrum
+from tidemap.storage.work import Work
 
 
 @pytest.fixture
@@ -172,7 +172,7 @@ def test_a_missing_chunk_is_named(ctx: Context) -> None:
 def test_an_update_between_asking_and_loading_is_followed(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:
     """The chunks of a revision go when the next is published, also for whoever is about to read them."""
     fit_lab(ctx)
-    from app.services import spectra
+    from tidemap.services import spectra
 
     load = spectra._load
     calls = []

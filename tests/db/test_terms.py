@@ -6,11 +6,11 @@ from threading import Event
 import pytest
 from sqlalchemy import select
 
-from app.errors import OffDutyError
-from app.storage.counters import take
-from app.storage.store import Store
-from app.storage.tables import counter
-from app.storage.work import Work
+from tidemap.errors import OffDutyError
+from tidemap.storage.counters import take
+from tidemap.storage.store import Store
+from tidemap.storage.tables import counter
+from tidemap.storage.work import Work
 
 WAIT_S = 20.0
 

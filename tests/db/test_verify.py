@@ -8,20 +8,20 @@ import numpy as np
 import pytest
 from sqlalchemy import Connection, create_engine, make_url, text
 
-from app.errors import DatabaseUnusableError, SchemaVersionError
-from app.services.checks import Tally
-from app.services.context import Context
-from app.services.jobs import request_update
-from app.services.keys import create_key
-from app.services.locations import find_location
-from app.services.update import UpdateRequest
-from app.services.verify import Finding, verify
-from app.spectral.segment import Segment
-from app.spectral.spectrum import static
-from app.storage.blobs import pack_cells, pack_measurements, pack_segment, pack_spectrum
-from app.storage.codec import seal, unseal
 from tests.support.contexts import compact_now, make_location, post_rows, post_states, refit
 from tests.support.truth import measurements_of
+from tidemap.errors import DatabaseUnusableError, SchemaVersionError
+from tidemap.services.checks import Tally
+from tidemap.services.context import Context
+from tidemap.services.jobs import request_update
+from tidemap.services.keys import create_key
+from tidemap.services.locations import find_location
+from tidemap.services.update import UpdateRequest
+from tidemap.services.verify import Finding, verify
+from tidemap.spectral.segment import Segment
+from tidemap.spectral.spectrum import static
+from tidemap.storage.blobs import pack_cells, pack_measurements, pack_segment, pack_spectrum
+from tidemap.storage.codec import seal, unseal
 
 LAB = "(SELECT id FROM location WHERE name = 'lab')"
 

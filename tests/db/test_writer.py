@@ -12,7 +12,9 @@ from typing import Any
 import pytest
 from sqlalchemy import Connection, Engine, event, insert, select, text
 
-from app.errors import (
+from tests.db.test_locations import VALUES
+from tests.db.test_observations import record_of
+from tidemap.errors import (
     InvalidInputError,
     KeyNotFoundError,
     QueueFullError,
@@ -20,15 +22,13 @@ from app.errors import (
     StorageUnavailableError,
     TidemapError,
 )
-from app.storage.engine import open_reader, open_writer
-from app.storage.gate import Gate
-from app.storage.records import LocationRecord
-from app.storage.store import Store
-from app.storage.tables import api_key
-from app.storage.work import Work
-from app.storage.writer import Writer
-from tests.db.test_locations import VALUES
-from tests.db.test_observations import record_of
+from tidemap.storage.engine import open_reader, open_writer
+from tidemap.storage.gate import Gate
+from tidemap.storage.records import LocationRecord
+from tidemap.storage.store import Store
+from tidemap.storage.tables import api_key
+from tidemap.storage.work import Work
+from tidemap.storage.writer import Writer
 
 Run = Callable[[Work], Any]
 WAIT_S = 10.0
@@ -423,9 +423,9 @@ def test_a_log_file_that_readers_kept_open_is_emptied_when_they_let_go(
     store: Store, engine: Engine, database_url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     only_on(engine, "sqlite")
-    monkeypatch.setattr("app.storage.checkpoint.MOST_BYTES", 50_000)
-    monkeypatch.setattr("app.storage.checkpoint.PATIENCE_S", 0.001)
-    monkeypatch.setattr("app.storage.checkpoint.REST_S", 0.0)
+    monkeypatch.setattr("tidemap.storage.checkpoint.MOST_BYTES", 50_000)
+    monkeypatch.setattr("tidemap.storage.checkpoint.PATIENCE_S", 0.001)
+    monkeypatch.setattr("tidemap.storage.checkpoint.REST_S", 0.0)
     log = Path(database_url.removeprefix("sqlite:///") + "-wal")
     with store.read() as work:
         work.keys.count()

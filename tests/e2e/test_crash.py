@@ -7,12 +7,12 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect as listen
 
-from app.client import Client
 from tests.support.fleet import RESTLESS, dice, fleet_at_work
 from tests.support.forked import Forked
 from tests.support.server import StartServer, clean_environment
 from tests.support.sightings import PLACES, make_places
 from tests.support.stored import check_stored
+from tidemap.client import Client
 
 KILLS = 20
 LONGEST_S = 1.0

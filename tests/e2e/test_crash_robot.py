@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from app.client import Client
 from tests.support.fleet import EAGER, RESTLESS, dice
 from tests.support.forked import Forked
 from tests.support.paths import ROOT
@@ -17,6 +16,7 @@ from tests.support.server import ServerProcess, StartServer, clean_environment
 from tests.support.sightings import Sighting, make_places
 from tests.support.stored import check_stored
 from tests.support.waiting import WAIT_S, until
+from tidemap.client import Client
 
 OUTBOXES = {0: "shared", 1: "shared", 2: "second", 3: "third"}
 """By robot: two have one together."""

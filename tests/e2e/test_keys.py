@@ -97,7 +97,7 @@ class Serving:
 
     def __init__(self, *options: str) -> None:
         environment = clean_environment() | {"TIDEMAP_VIEWER": "false"}
-        words = [sys.executable, "-m", "app.cli", "serve", "--port", "0", *options]
+        words = [sys.executable, "-m", "tidemap.cli", "serve", "--port", "0", *options]
         self._process = subprocess.Popen(words, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True)
 
     def __enter__(self) -> str:

@@ -7,10 +7,10 @@ import httpx
 import numpy as np
 import pytest
 
-from app.ingest.observation import COST
 from tests.api.house import ARROW, arrow
 from tests.support.memory import peak_memory_mb
 from tests.support.server import StartServer
+from tidemap.ingest.observation import COST
 
 CLIENTS = 16
 MEASUREMENTS = 1_200_000

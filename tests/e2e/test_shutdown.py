@@ -14,9 +14,9 @@ import httpx
 import numpy as np
 import pytest
 
-from app.services.verify import verify
 from tests.api.house import ARROW, arrow
 from tests.support.server import ServerProcess, StartServer
+from tidemap.services.verify import verify
 
 CLIENTS = 24
 PER_POST = 1000

@@ -10,10 +10,10 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection
 
-from app.services.listing import MOST_CELLS
 from tests.support.memory import memory_mb
 from tests.support.server import StartServer
 from tests.support.site import Site, listen_for
+from tidemap.services.listing import MOST_CELLS
 
 SHAPE = (64, 64, 4)
 CELLS = list(range(64 * 64 * 4))

@@ -20,7 +20,7 @@ from tests.support.viewer import (
     make_grid,
     post,
 )
-from web.viewer import colors
+from tidemap_web.viewer import colors
 
 NIGHT = START + timedelta(days=9, hours=3)
 MORNING = START + timedelta(days=9, hours=8, minutes=30)

@@ -7,13 +7,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from app.spectral.estimators import fit_recipe
-from app.spectral.history import UNOBSERVED, History
-from app.spectral.model import reconstruct, refit
-from app.spectral.prediction import predict_slow, predict_times
-from app.spectral.recipe import Prior, Recipe
-from app.spectral.reconstruction import predicted_words
-from app.spectral.timebase import TimeBase
+from tidemap.spectral.estimators import fit_recipe
+from tidemap.spectral.history import UNOBSERVED, History
+from tidemap.spectral.model import reconstruct, refit
+from tidemap.spectral.prediction import predict_slow, predict_times
+from tidemap.spectral.recipe import Prior, Recipe
+from tidemap.spectral.reconstruction import predicted_words
+from tidemap.spectral.timebase import TimeBase
 
 BASE = TimeBase(1.7e9, 3600.0)
 WEEK = 168

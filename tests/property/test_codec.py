@@ -10,12 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from app.errors import CorruptChunkError
-from app.spectral.history import History
-from app.spectral.measurements import Measurements
-from app.spectral.segment import SEGMENT_SAMPLES, Segment
-from app.spectral.spectrum import Spectrum
-from app.storage.blobs import (
+from tidemap.errors import CorruptChunkError
+from tidemap.spectral.history import History
+from tidemap.spectral.measurements import Measurements
+from tidemap.spectral.segment import SEGMENT_SAMPLES, Segment
+from tidemap.spectral.spectrum import Spectrum
+from tidemap.storage.blobs import (
     pack_cells,
     pack_measurements,
     pack_segment,
@@ -25,7 +25,7 @@ from app.storage.blobs import (
     unpack_segment,
     unpack_spectrum,
 )
-from app.storage.codec import VERSION, seal, unseal
+from tidemap.storage.codec import VERSION, seal, unseal
 
 quick = settings(max_examples=60)
 DTYPES = st.sampled_from(["u1", "<u2", "<u4", "<i4", "<i8", "<f4", "<f8", "<c8", "?", "S3"])

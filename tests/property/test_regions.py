@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.space.grid import NEIGHBOURS, SINGLE, Grid
-from app.space.regions import label_regions
+from tidemap.space.grid import NEIGHBOURS, SINGLE, Grid
+from tidemap.space.regions import label_regions
 
 Mark = tuple[int, int, int]
 """(sample, cell, state)."""

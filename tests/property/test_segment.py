@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.spectral.history import UNOBSERVED
-from app.spectral.measurements import Measurements
-from app.spectral.segment import SEGMENT_SAMPLES, Segment, forget, merge, standing
-from app.spectral.timebase import TimeBase
-from app.storage.blobs import pack_segment, unpack_segment
 from tests.support.truth import Row, Truth, measurements_of, put, states_of
+from tidemap.spectral.history import UNOBSERVED
+from tidemap.spectral.measurements import Measurements
+from tidemap.spectral.segment import SEGMENT_SAMPLES, Segment, forget, merge, standing
+from tidemap.spectral.timebase import TimeBase
+from tidemap.storage.blobs import pack_segment, unpack_segment
 
 CELLS = 4
 NUMBER = -2

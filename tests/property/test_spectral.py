@@ -7,14 +7,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from app.spectral.anomaly import is_anomalous, surprising
-from app.spectral.estimators import ESTIMATORS
-from app.spectral.history import NEVER, UNOBSERVED, History
-from app.spectral.look import order_look
-from app.spectral.measurements import Measurements
-from app.spectral.model import add, reconstruct, update
-from app.spectral.outliers import count, count_outliers, find_outliers
-from app.spectral.prediction import (
+from tidemap.spectral.anomaly import is_anomalous, surprising
+from tidemap.spectral.estimators import ESTIMATORS
+from tidemap.spectral.history import NEVER, UNOBSERVED, History
+from tidemap.spectral.look import order_look
+from tidemap.spectral.measurements import Measurements
+from tidemap.spectral.model import add, reconstruct, update
+from tidemap.spectral.outliers import count, count_outliers, find_outliers
+from tidemap.spectral.prediction import (
     Answer,
     known,
     predict,
@@ -25,9 +25,9 @@ from app.spectral.prediction import (
     verdict,
     write_waves,
 )
-from app.spectral.spectrum import components
-from app.spectral.timebase import TimeBase
-from app.storage.blobs import pack_measurements, unpack_measurements
+from tidemap.spectral.spectrum import components
+from tidemap.spectral.timebase import TimeBase
+from tidemap.storage.blobs import pack_measurements, unpack_measurements
 
 BASE = TimeBase(1.7e9, 300.0)
 STATES = hnp.arrays(

@@ -7,19 +7,19 @@ from collections.abc import Iterator
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 
-from app.services.anomalies import DetectQuery, detect
-from app.services.observe import observe
-from app.services.posts import Post
-from app.services.warm import warm
-from app.storage.store import migrate_database
 from tests.bench import lab
 from tests.support.contexts import ARROW, Body, Clock, compact_now, make_location, opened, post_states, refit
+from tidemap.services.anomalies import DetectQuery, detect
+from tidemap.services.observe import observe
+from tidemap.services.posts import Post
+from tidemap.services.warm import warm
+from tidemap.storage.store import migrate_database
 
 
 def signatures() -> Iterator[str]:
     """Every kernel with the types it is compiled for."""
     for name, module in sorted(sys.modules.items()):
-        if name.startswith("app."):
+        if name.startswith("tidemap."):
             for kernel in vars(module).values():
                 if isinstance(kernel, Dispatcher):
                     yield from (f"{kernel.py_func.__qualname__}{types}" for types in kernel.signatures)

@@ -6,24 +6,24 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from app.formats.arrow import encode_table
-from app.ingest.observation import ARROW, Body
-from app.schemas.locations import Location, LocationForm
-from app.services.compaction import compact
-from app.services.context import Context, open_context
-from app.services.history import read_history
-from app.services.locations import create_location, find_location
-from app.services.observe import observe
-from app.services.posts import Observed, Post
-from app.services.update import UpdateRequest, run_update
-from app.settings import Settings
-from app.spectral.history import History
-from app.spectral.measurements import Measurements
-from app.storage.records import RevisionRecord
-from app.workers.compactor import Compactor
-from app.workers.duty import Duty
-from app.workers.updater import Updater
 from tests.support.truth import Row, measurements_of
+from tidemap.formats.arrow import encode_table
+from tidemap.ingest.observation import ARROW, Body
+from tidemap.schemas.locations import Location, LocationForm
+from tidemap.services.compaction import compact
+from tidemap.services.context import Context, open_context
+from tidemap.services.history import read_history
+from tidemap.services.locations import create_location, find_location
+from tidemap.services.observe import observe
+from tidemap.services.posts import Observed, Post
+from tidemap.services.update import UpdateRequest, run_update
+from tidemap.settings import Settings
+from tidemap.spectral.history import History
+from tidemap.spectral.measurements import Measurements
+from tidemap.storage.records import RevisionRecord
+from tidemap.workers.compactor import Compactor
+from tidemap.workers.duty import Duty
+from tidemap.workers.updater import Updater
 
 AtWork = TypeVar("AtWork", Duty, Updater, Compactor)
 NOW = 1_700_000_000.0

@@ -81,8 +81,8 @@ class PostgresDatabases:
 
 def migrate_to_head(url: str) -> None:
     """Give a database the current schema and leave no connection behind."""
-    from app.storage.engine import open_writer
-    from app.storage.migrate import migrate
+    from tidemap.storage.engine import open_writer
+    from tidemap.storage.migrate import migrate
 
     engine = open_writer(url)
     with engine.begin() as connection:

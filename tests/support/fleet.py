@@ -10,10 +10,10 @@ from itertools import cycle
 from pathlib import Path
 from typing import Any
 
-from app.client import Client, Patience, Queued, TidemapError
 from tests.support.sightings import Sighting
 from tests.support.stored import check_stored
 from tests.support.waiting import WAIT_S, until
+from tidemap.client import Client, Patience, Queued, TidemapError
 
 WITH_OUTBOX = 16
 WITHOUT_OUTBOX = 2

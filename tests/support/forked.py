@@ -47,7 +47,7 @@ class Forked:
 
 
 def _run(words: Sequence[str], env: Mapping[str, str], log: Path) -> None:
-    from app.cli import main
+    from tidemap.cli import main
 
     os.chdir(ROOT)
     os.environ.clear()

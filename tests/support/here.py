@@ -5,8 +5,8 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from unittest.mock import patch
 
-from app.cli import main
 from tests.support.server import clean_environment
+from tidemap.cli import main
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,12 @@
 """Everything that a server imports and compiles: what `forked` has done once, before it forks."""
 
-import app.api.main
-import app.cli
-import app.services.context
-import app.workers.updater
-import web.serve
-from app.services.warm import warm
+import tidemap.api.main
+import tidemap.cli
+import tidemap.services.context
+import tidemap.workers.updater
+import tidemap_web.serve
+from tidemap.services.warm import warm
 
-__all__ = ["app", "web"]
+__all__ = ["tidemap", "tidemap_web"]
 
 warm()

@@ -12,8 +12,8 @@ import time
 from itertools import count
 from pathlib import Path
 
-from app.client import Client, Patience
 from tests.support.sightings import Sighting
+from tidemap.client import Client, Patience
 
 BACKLOG = 50
 """Batches that it lets wait before it observes more."""

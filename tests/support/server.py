@@ -29,7 +29,7 @@ def fresh(words: Sequence[str], env: Mapping[str, str], log: Path) -> Process:
     """As people start it, with a fresh Python."""
     with log.open("ab") as output:
         return subprocess.Popen(
-            [sys.executable, "-m", "app.cli", *words],
+            [sys.executable, "-m", "tidemap.cli", *words],
             cwd=ROOT,
             env=env,
             stdin=subprocess.DEVNULL,
@@ -151,7 +151,7 @@ def run_command(
 ) -> "subprocess.CompletedProcess[str]":
     """Run `tidemap …` to its end and return its status and output."""
     return subprocess.run(
-        [sys.executable, "-m", "app.cli", *arguments],
+        [sys.executable, "-m", "tidemap.cli", *arguments],
         cwd=ROOT,
         env=clean_environment() | dict(env or {}),
         input=input_text,

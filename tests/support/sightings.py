@@ -7,9 +7,9 @@ same samples, in no order, so that most measurements are late and have to make w
 import random
 from dataclasses import dataclass
 
-from app.client import Client
-from app.spectral.timebase import TimeBase
 from tests.support.truth import Row
+from tidemap.client import Client
+from tidemap.spectral.timebase import TimeBase
 
 BASE = TimeBase(0.0, 64.0)
 SAMPLES = range(4000, 4200)

@@ -6,12 +6,12 @@ from collections.abc import Collection
 import numpy as np
 from sqlalchemy import select
 
-from app.client import Client
-from app.storage.engine import open_reader
-from app.storage.tables import location, observation
 from tests.support.here import command
 from tests.support.sightings import BASE, PLACES, SAMPLES, Sighting
 from tests.support.truth import Truth, put, states_of
+from tidemap.client import Client
+from tidemap.storage.engine import open_reader
+from tidemap.storage.tables import location, observation
 
 
 def count_stored(url: str) -> int:

@@ -4,8 +4,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from app.spectral.measurements import Measurements
-from app.spectral.timebase import TimeBase
+from tidemap.spectral.measurements import Measurements
+from tidemap.spectral.timebase import TimeBase
 
 Row = tuple[float, int, int]
 """(time in Unix seconds, cell, state)."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Page
 
-from web.viewer import colors
+from tidemap_web.viewer import colors
 
 SHAPE = (10, 6, 4)
 RESOLUTION_M = 0.5

@@ -4,9 +4,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from app.services.context import Context
 from tests.support.contexts import Clock, opened
 from tests.support.databases import SqliteDatabases
+from tidemap.services.context import Context
 
 
 @pytest.fixture(scope="session")

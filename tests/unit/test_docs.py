@@ -7,12 +7,12 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from app.cli import parser
-from app.demo.locations import FORMS
-from app.settings import Settings
 from tests.support.commands import refusal
 from tests.support.documents import anchors, blocks, code_lines, links, name, pages, spans
 from tests.support.paths import ROOT
+from tidemap.cli import parser
+from tidemap.demo.locations import FORMS
+from tidemap.settings import Settings
 
 EVERY_PAGE = pytest.mark.parametrize("page", pages(), ids=name)
 # Pages may link to these hosts and no others.
@@ -69,8 +69,9 @@ def test_paths_exist(page: Path) -> None:
 @EVERY_PAGE
 def test_modules_exist(page: Path) -> None:
     for span in spans(page):
-        if re.fullmatch(r"(app|web)(\.[a-z_]+)+", span):
-            path = ROOT / span.replace(".", "/")
+        if re.fullmatch(r"(tidemap|tidemap_web)(\.[a-z_]+)+", span) and not span.endswith(".db"):
+            source = "web" if span.startswith("tidemap_web") else "app"
+            path = ROOT / source / span.replace(".", "/")
             assert path.is_dir() or path.with_suffix(".py").is_file(), span
 
 

@@ -102,7 +102,7 @@ def test_a_moved_folder_is_set_up_anew(folder: Path) -> None:
 
 def test_run_passes_host_port_and_data_on(folder: Path) -> None:
     assert make(folder, "run", script(folder, FAKE_PYTHON), "PORT=8123", "DATA=some where").returncode == 0
-    assert calls(folder)[-1] == "-m app.cli serve --host 127.0.0.1 --port 8123 --data some where --demo"
+    assert calls(folder)[-1] == "-m tidemap.cli serve --host 127.0.0.1 --port 8123 --data some where --demo"
 
 
 def test_ci_runs_what_people_run() -> None:

@@ -5,11 +5,11 @@ from pathlib import Path
 
 from prometheus_client import generate_latest
 
-from app.api.metrics import RequestMetrics, make_registry
-from app.services.context import Context
 from docs.settings_table import PAGE, page
 from tests.support.documents import spans
 from tests.support.paths import ROOT
+from tidemap.api.metrics import RequestMetrics, make_registry
+from tidemap.services.context import Context
 
 
 def test_the_table_is_that_of_the_settings() -> None:

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from app.spectral import folding, waves
-from app.spectral.estimators import fit_recipe
-from app.spectral.history import History
-from app.spectral.model import refit
-from app.spectral.recipe import Recipe
 from tests.bench.figures.update import BASE, changing_cells
 from tests.bench.timing import Figure, interleaved
+from tidemap.spectral import folding, waves
+from tidemap.spectral.estimators import fit_recipe
+from tidemap.spectral.history import History
+from tidemap.spectral.model import refit
+from tidemap.spectral.recipe import Recipe
 
 N_CELLS, ROWS, STEPS = 2048, 64, 12
 RECIPE = Recipe("calendar", time_zone="Europe/London")

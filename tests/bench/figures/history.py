@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 import zstandard
 
-from app.client import Client
-from app.demo.locations import FORMS
-from app.demo.progress import Silent
-from app.demo.seed import seed
-from app.services.context import Context
-from app.services.history import read_history, window
-from app.services.locations import find_location
 from tests.bench.timing import Figure
 from tests.support.contexts import opened
 from tests.support.server import ServerProcess
+from tidemap.client import Client
+from tidemap.demo.locations import FORMS
+from tidemap.demo.progress import Silent
+from tidemap.demo.seed import seed
+from tidemap.services.context import Context
+from tidemap.services.history import read_history, window
+from tidemap.services.locations import find_location
 
 NOW = 1_772_409_600.0
 TABLES = ("history", "observation", "spectrum", "anomaly")

@@ -8,16 +8,16 @@ from pathlib import Path
 
 import zstandard
 
-from app.services.context import Context
-from app.services.locations import find_location
-from app.services.series import series
-from app.services.spectra import fitted
-from app.services.update import UpdateRequest, run_update
-from app.storage.codec import HEADERS
-from app.workers.executors import LocalExecutor
 from tests.bench import databases, million
 from tests.bench.timing import Figure, interleaved
 from tests.support.contexts import opened
+from tidemap.services.context import Context
+from tidemap.services.locations import find_location
+from tidemap.services.series import series
+from tidemap.services.spectra import fitted
+from tidemap.services.update import UpdateRequest, run_update
+from tidemap.storage.codec import HEADERS
+from tidemap.workers.executors import LocalExecutor
 
 HEADER = 5
 """Bytes of a blob before its zstd frame."""

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from app.spectral.prediction import predict
-from app.spectral.spectrum import Spectrum
 from tests.bench.timing import Figure, interleaved
+from tidemap.spectral.prediction import predict
+from tidemap.spectral.spectrum import Spectrum
 
 N_CELLS, N_WAVES, ORDER, WEEK_S = 1_000_000, 1008, 15, 604_800.0
 

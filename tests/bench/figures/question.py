@@ -7,18 +7,18 @@ from pathlib import Path
 import httpx
 import numpy as np
 
-from app.formats.arrow import ARROW
-from app.schemas.locations import LocationForm
-from app.services.context import Context
-from app.services.locations import create_location, find_location
-from app.spectral.recipe import Recipe
-from app.spectral.spectrum import Spectrum
-from app.storage.records import CHUNK_CELLS, RevisionRecord
 from tests.bench import databases
 from tests.bench.load import Target, floor_server, request
 from tests.bench.timing import Figure, quantile
 from tests.support.contexts import opened
 from tests.support.server import ServerProcess
+from tidemap.formats.arrow import ARROW
+from tidemap.schemas.locations import LocationForm
+from tidemap.services.context import Context
+from tidemap.services.locations import create_location, find_location
+from tidemap.spectral.recipe import Recipe
+from tidemap.spectral.spectrum import Spectrum
+from tidemap.storage.records import CHUNK_CELLS, RevisionRecord
 
 NAME, SHAPE, EVERY, ORDER, WEEK_S = "hall", (200, 200, 25), 10, 15, 604_800.0
 ENVIRONMENT = {"TIDEMAP_UPDATER": "false", "TIDEMAP_VIEWER": "false", "TIDEMAP_LOG_LEVEL": "warning"}

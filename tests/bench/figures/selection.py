@@ -1,11 +1,11 @@
 """selection: `auto` on a grid and on a single state, against one fit of the cells it tries."""
 
-from app.spectral.estimators import fit_recipe
-from app.spectral.history import History
-from app.spectral.recipe import Recipe
-from app.spectral.selection import choose
 from tests.bench.figures.update import BASE, changing_cells
 from tests.bench.timing import Figure, interleaved
+from tidemap.spectral.estimators import fit_recipe
+from tidemap.spectral.history import History
+from tidemap.spectral.recipe import Recipe
+from tidemap.spectral.selection import choose
 
 N_CELLS, ZONE = 64, "Europe/London"
 

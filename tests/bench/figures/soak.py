@@ -16,7 +16,6 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from app.formats.arrow import ARROW
 from tests.bench import lab
 from tests.bench.databases import sqlite
 from tests.bench.load import Connection, request
@@ -24,6 +23,7 @@ from tests.bench.timing import Figure, quantile
 from tests.support.contexts import Clock, opened
 from tests.support.memory import memory_mb
 from tests.support.server import ServerProcess
+from tidemap.formats.arrow import ARROW
 
 BY_NAME = True
 ROBOTS, READERS, STEP_S, LOOK_S = 16, 2, 1.0, 30.0

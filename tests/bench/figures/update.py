@@ -3,10 +3,10 @@
 import numpy as np
 import scipy.fft
 
-from app.spectral.history import History
-from app.spectral.model import accuracy, update
-from app.spectral.timebase import TimeBase
 from tests.bench.timing import Figure, interleaved
+from tidemap.spectral.history import History
+from tidemap.spectral.model import accuracy, update
+from tidemap.spectral.timebase import TimeBase
 
 N_CELLS, N_SAMPLES, ORDER, ROWS = 20_000, 2016, 15, 256
 BASE = TimeBase(epoch=0.0, interval_s=300.0)

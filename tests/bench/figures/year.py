@@ -4,11 +4,11 @@ import tracemalloc
 
 import numpy as np
 
-from app.spectral.history import History
-from app.spectral.model import refit
-from app.spectral.recipe import Recipe
 from tests.bench.figures.update import BASE
 from tests.bench.timing import Figure, interleaved
+from tidemap.spectral.history import History
+from tidemap.spectral.model import refit
+from tidemap.spectral.recipe import Recipe
 
 N_CELLS, N_SAMPLES = 512, 105_120
 RECIPE = Recipe("calendar", time_zone="Europe/London")

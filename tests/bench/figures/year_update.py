@@ -9,24 +9,24 @@ from pathlib import Path
 import numpy as np
 import zstandard
 
-from app.client import Client
-from app.client.encoding import arrow, look
-from app.ingest.observation import ARROW, Body
-from app.schemas.locations import LocationForm
-from app.services.context import Context
-from app.services.locations import create_location, find_location
-from app.services.observe import observe
-from app.services.posts import Post
-from app.spectral.segment import SEGMENT_SAMPLES, Segment
-from app.storage.blobs import pack_segment
-from app.storage.codec import HEADERS
-from app.storage.records import CHUNK_CELLS
 from tests.bench.databases import sqlite
 from tests.bench.figures.year import year_of_cells
 from tests.bench.timing import Figure
 from tests.support.contexts import opened
 from tests.support.memory import memory_mb, peak_memory_mb
 from tests.support.server import ServerProcess
+from tidemap.client import Client
+from tidemap.client.encoding import arrow, look
+from tidemap.ingest.observation import ARROW, Body
+from tidemap.schemas.locations import LocationForm
+from tidemap.services.context import Context
+from tidemap.services.locations import create_location, find_location
+from tidemap.services.observe import observe
+from tidemap.services.posts import Post
+from tidemap.spectral.segment import SEGMENT_SAMPLES, Segment
+from tidemap.storage.blobs import pack_segment
+from tidemap.storage.codec import HEADERS
+from tidemap.storage.records import CHUNK_CELLS
 
 BY_NAME = True
 """Takes minutes."""

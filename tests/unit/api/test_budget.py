@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from app.api.budget import Budget, Share
-from app.errors import TooManyBodiesError
+from tidemap.api.budget import Budget, Share
+from tidemap.errors import TooManyBodiesError
 
 TOTAL = 100
 LONG_S = 60.0

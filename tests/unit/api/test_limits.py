@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.api.limits import BELIEVED_S, Lately, Rate, Senders
-from app.errors import RateLimitError
-from app.services.keys import Claim, Principal
+from tidemap.api.limits import BELIEVED_S, Lately, Rate, Senders
+from tidemap.errors import RateLimitError
+from tidemap.services.keys import Claim, Principal
 
 
 class Clock:

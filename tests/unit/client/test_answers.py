@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from app.client import answers
+from tidemap.client import answers
 
 META = {
     "time": "2026-03-01T09:00:00Z",

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.client.encoding import Measurements, arrow, batches, linear, look, measurements
+from tidemap.client.encoding import Measurements, arrow, batches, linear, look, measurements
 
 
 def joined(parts: list[Measurements]) -> tuple[list[float], list[int], list[int]]:

@@ -12,7 +12,7 @@ import pytest
 from websockets.http11 import Request, Response
 from websockets.sync.server import ServerConnection, serve
 
-from app.client import AsyncClient, Client, Message, Patience, TidemapError, UnreachableError
+from tidemap.client import AsyncClient, Client, Message, Patience, TidemapError, UnreachableError
 
 QUICK = Patience(tries=3, first_s=0.001, most_s=0.01)
 

@@ -19,7 +19,7 @@ SERVER_ONLY = {
 
 
 def test_importing_the_client_imports_no_server_package() -> None:
-    code = "import sys, app.client; print('\\n'.join({name.split('.')[0] for name in sys.modules}))"
+    code = "import sys, tidemap.client; print('\\n'.join({name.split('.')[0] for name in sys.modules}))"
     run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     imported = set(run.stdout.split())
     assert "httpx" in imported
@@ -29,7 +29,7 @@ def test_importing_the_client_imports_no_server_package() -> None:
 def test_operations_document_themselves_like_methods() -> None:
     import inspect
 
-    from app.client import AsyncLocationHandle, LocationHandle
+    from tidemap.client import AsyncLocationHandle, LocationHandle
 
     for handle in (LocationHandle, AsyncLocationHandle):
         assert "confidence" in inspect.signature(handle.state).parameters

@@ -13,12 +13,12 @@ import httpx
 import numpy as np
 import pytest
 
-from app.client import AsyncClient, Client, OutboxError, OutboxFullError, Patience, Pending, Queued
-from app.client.outbox.rests import ALL, Rests
-from app.client.outbox.verdict import Fate, judge
-from app.client.posting import observation, sighting
 from tests.unit.client.scripted import Received, Said, Script, scripted
 from tests.unit.client.test_patience import BUSY, HANG_UP, QUICK, STORED
+from tidemap.client import AsyncClient, Client, OutboxError, OutboxFullError, Patience, Pending, Queued
+from tidemap.client.outbox.rests import ALL, Rests
+from tidemap.client.outbox.verdict import Fate, judge
+from tidemap.client.posting import observation, sighting
 
 OK = Said(201, STORED)
 AGAIN = Said(200, STORED | {"duplicate": True})
@@ -163,7 +163,7 @@ def test_closing_loses_nothing_and_the_next_client_goes_on(path: Path) -> None:
 
 
 def test_closing_does_not_wait_for_a_server_that_hangs(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.client.outbox.sender.STOP_S", 0.2)
+    monkeypatch.setattr("tidemap.client.outbox.sender.STOP_S", 0.2)
     hangs, asked = threading.Event(), threading.Event()
 
     class Hanging(Said):
@@ -190,7 +190,7 @@ def test_closing_does_not_wait_for_a_server_that_hangs(path: Path, monkeypatch: 
 
 
 def test_more_than_a_post_holds_is_queued_whole_or_not_at_all(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.client.encoding.batches.__defaults__", (2,))
+    monkeypatch.setattr("tidemap.client.encoding.batches.__defaults__", (2,))
     with scripted(OK) as script, client(script, path, outbox_bytes=2000) as robot:
         door = robot.location("door")
         assert door.observe(range(5), [0] * 5, idempotency_key="k") == Queued(3, 5)
@@ -249,7 +249,7 @@ def test_several_clients_on_one_file_send_every_batch_once(path: Path) -> None:
 
 
 def test_the_log_says_why_the_outbox_waits_and_what_was_refused(path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level(logging.WARNING, "app.client.outbox")
+    caplog.set_level(logging.WARNING, "tidemap.client.outbox")
     busy = Said(503, BUSY)
     with scripted(busy, busy, busy, WRONG) as script, client(script, path) as robot:
         robot.location("door").observe([0.0], [2])
@@ -263,7 +263,7 @@ def test_a_file_that_fails_is_said_and_sending_goes_on_later(
     path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     failures = [OutboxError("the disk is full"), RuntimeError("a mistake of ours")]
-    from app.client.outbox.store import Store
+    from tidemap.client.outbox.store import Store
 
     sent = Store.sent
 

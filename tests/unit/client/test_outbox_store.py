@@ -16,11 +16,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from app.client import OutboxError, OutboxFullError, Pending
-from app.client.outbox.file import prepare
-from app.client.outbox.store import PAGE_BYTES, Store
-from app.client.posting import Batch
 from tests.support.paths import ROOT
+from tidemap.client import OutboxError, OutboxFullError, Pending
+from tidemap.client.outbox.file import prepare
+from tidemap.client.outbox.store import PAGE_BYTES, Store
+from tidemap.client.posting import Batch
 
 MOST = 60
 PLACES = ("/locations/a", "/locations/b")
@@ -353,7 +353,7 @@ def test_a_disk_is_not_filled_so_far_that_nothing_can_be_taken_out(
     def usage(folder: Path) -> SimpleNamespace:
         return SimpleNamespace(free=disk - sum(file.stat().st_size for file in folder.iterdir()))
 
-    monkeypatch.setattr("app.client.outbox.store.shutil.disk_usage", usage)
+    monkeypatch.setattr("tidemap.client.outbox.store.shutil.disk_usage", usage)
     fill = [batch(content=bytes(200_000))]
     with suppress(OutboxError):
         for _ in range(100):
@@ -369,8 +369,8 @@ def test_a_disk_that_takes_no_more_in_the_midst_of_a_put(path: Path) -> None:
     code = f"""
 import resource
 from pathlib import Path
-from app.client import OutboxError
-from app.client.outbox.store import PAGE_BYTES, Store
+from tidemap.client import OutboxError
+from tidemap.client.outbox.store import PAGE_BYTES, Store
 from tests.unit.client.test_outbox_store import batch
 store = Store(Path({str(path)!r}), durable=True)
 store.put([batch(content=bytes(100_000))], 1 << 30)
@@ -404,8 +404,8 @@ def test_an_outbox_that_was_full_gives_the_disk_back(store: Store, path: Path) -
 def test_processes_that_open_a_new_outbox_at_once_make_one(tmp_path: Path) -> None:
     code = f"""
 from pathlib import Path
-from app.client.outbox.file import prepare
-from app.client.outbox.store import PAGE_BYTES, Store
+from tidemap.client.outbox.file import prepare
+from tidemap.client.outbox.store import PAGE_BYTES, Store
 from tests.unit.client.test_outbox_store import batch
 path = Path({str(tmp_path / "outbox.db")!r})
 input()

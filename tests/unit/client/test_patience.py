@@ -4,9 +4,9 @@ from itertools import islice
 
 import pytest
 
-from app.client import AsyncClient, Client, Patience, TidemapError, UnreachableError
-from app.schemas.observations import Accepted
 from tests.unit.client.scripted import Said, Script, scripted
+from tidemap.client import AsyncClient, Client, Patience, TidemapError, UnreachableError
+from tidemap.schemas.observations import Accepted
 
 QUICK = Patience(tries=4, first_s=0.001, most_s=2.0)
 STORED = {
@@ -50,7 +50,7 @@ def test_two_calls_have_different_keys() -> None:
 
 def test_retry_after_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
     slept: list[float] = []
-    monkeypatch.setattr("app.client.blocking.time.sleep", slept.append)
+    monkeypatch.setattr("tidemap.client.blocking.time.sleep", slept.append)
     with scripted(Said(503, BUSY, {"Retry-After": "2"}), Said(201, STORED)) as script:
         observe(script)
     assert slept == [0, 2]

@@ -6,9 +6,9 @@ from urllib.parse import parse_qs, urlsplit
 
 import pytest
 
-from app.client import AsyncClient, Client
-from app.client import encoding as client_encoding
 from tests.unit.client.scripted import Said, scripted
+from tidemap.client import AsyncClient, Client
+from tidemap.client import encoding as client_encoding
 
 EVENT = {
     "id": 1,

@@ -6,7 +6,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 import pytest
 
-from app.client.times import unix, unix_array
+from tidemap.client.times import unix, unix_array
 
 
 def test_datetimes_with_any_zone_become_unix_seconds() -> None:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.ndimage import binary_dilation
 
-from app.demo import plan
-from app.demo.robot import FLICKER, INTERVAL_S, SHADOW, Look, Robot
-from app.demo.story import planted
-from app.demo.world import World
+from tidemap.demo import plan
+from tidemap.demo.robot import FLICKER, INTERVAL_S, SHADOW, Look, Robot
+from tidemap.demo.story import planted
+from tidemap.demo.world import World
 
 START = 1_772_409_600.0  # Monday 2026-03-02 00:00 in London
 WEEK = (START + INTERVAL_S * np.arange(2016)).tolist()

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.demo import plan
-from app.demo.chance import draw, draws, mix
-from app.demo.civil import DAY_S, FRIDAY, TUESDAY, last, moment, unix
-from app.demo.story import Story, planted
-from app.demo.world import World
+from tidemap.demo import plan
+from tidemap.demo.chance import draw, draws, mix
+from tidemap.demo.civil import DAY_S, FRIDAY, TUESDAY, last, moment, unix
+from tidemap.demo.story import Story, planted
+from tidemap.demo.world import World
 
 LONDON = ZoneInfo("Europe/London")
 MONDAY_2 = datetime(2026, 3, 2, tzinfo=LONDON)

@@ -4,8 +4,8 @@ from threading import Thread
 
 import pytest
 
-from app.events.bus import Bus
-from app.events.messages import Message
+from tidemap.events.bus import Bus
+from tidemap.events.messages import Message
 
 
 def message(number: int) -> Message:

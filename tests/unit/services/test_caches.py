@@ -4,7 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from app.services.caches import ByteCache
+from tidemap.services.caches import ByteCache
 
 
 def cache(limit: int = 100) -> ByteCache[bytes]:

@@ -4,9 +4,9 @@ import tracemalloc
 
 import numpy as np
 
-from app.services.compaction import _split
-from app.spectral.measurements import Measurements
-from app.storage.records import CHUNK_CELLS
+from tidemap.services.compaction import _split
+from tidemap.spectral.measurements import Measurements
+from tidemap.storage.records import CHUNK_CELLS
 
 CHUNKS, POSTS = 64, 200
 MOST_BYTES = 250

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from app.errors import AnomalyNotFoundError, InvalidInputError, LocationNotFoundError, NoModelError
-from app.services import anomalies
-from app.services.anomalies import DetectQuery, EventQuery, acknowledge, detect, list_events
-from app.services.context import Context
-from app.services.locations import delete_location
-from app.spectral.anomaly import Rule
 from tests.support.contexts import make_location, post_rows, post_states, refit
+from tidemap.errors import AnomalyNotFoundError, InvalidInputError, LocationNotFoundError, NoModelError
+from tidemap.services import anomalies
+from tidemap.services.anomalies import DetectQuery, EventQuery, acknowledge, detect, list_events
+from tidemap.services.context import Context
+from tidemap.services.locations import delete_location
+from tidemap.spectral.anomaly import Rule
 
 MINUTE = 60.0
 

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.errors import InvalidInputError, NoModelError
-from app.schemas.maps import EvaluateForm, Evaluation
-from app.services.context import Context
-from app.services.evaluate import evaluate
-from app.services.predict import PredictQuery, predict_at
 from tests.support.contexts import make_location, post_rows, post_states, refit
+from tidemap.errors import InvalidInputError, NoModelError
+from tidemap.schemas.maps import EvaluateForm, Evaluation
+from tidemap.services.context import Context
+from tidemap.services.evaluate import evaluate
+from tidemap.services.predict import PredictQuery, predict_at
 
 MINUTE = 60.0
 
@@ -104,14 +104,14 @@ def test_a_grid_is_scored_over_all_its_cells(ctx: Context) -> None:
 
 
 def test_a_large_evaluation_scores_cells_spread_evenly(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.services.evaluate.MAX_VALUES", 1600)
+    monkeypatch.setattr("tidemap.services.evaluate.MAX_VALUES", 1600)
     make_location(ctx, "lab", (40, 40))
     post_rows(ctx, "lab", [(MINUTE * n, cell, cell % 2) for n in range(4) for cell in range(1600)])
     refit(ctx, "lab", estimator="static")
     (row,) = ask(ctx, "lab").results
     assert row.error == 0.0
     assert 1200 <= row.n <= 2400
-    monkeypatch.setattr("app.services.evaluate.MAX_VALUES", 1)
+    monkeypatch.setattr("tidemap.services.evaluate.MAX_VALUES", 1)
     (row,) = ask(ctx, "lab").results
     assert row.n >= 4
 

@@ -4,14 +4,14 @@ import tracemalloc
 
 import pytest
 
-from app.services import history
-from app.services.context import Context
-from app.services.history import read_compacted
-from app.services.locations import find_location
-from app.spectral.history import UNOBSERVED
-from app.spectral.measurements import Measurements
-from app.storage import observations
 from tests.support.contexts import compact_now, history_of, make_location, opened, post_rows
+from tidemap.services import history
+from tidemap.services.context import Context
+from tidemap.services.history import read_compacted
+from tidemap.services.locations import find_location
+from tidemap.spectral.history import UNOBSERVED
+from tidemap.spectral.measurements import Measurements
+from tidemap.storage import observations
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from threading import Barrier
 import numpy as np
 from numpy.typing import NDArray
 
-from app.services.lending import Lender
+from tidemap.services.lending import Lender
 
 
 @dataclass(frozen=True, eq=False)

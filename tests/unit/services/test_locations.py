@@ -4,11 +4,11 @@ from typing import Any
 
 import pytest
 
-from app.errors import InvalidInputError, LocationExistsError, LocationNotFoundError
-from app.schemas.locations import LocationPatch
-from app.services.context import Context
-from app.services.locations import change_location, delete_location, get_location, list_locations
 from tests.support.contexts import NOW, make_location, opened, post_states, refit
+from tidemap.errors import InvalidInputError, LocationExistsError, LocationNotFoundError
+from tidemap.schemas.locations import LocationPatch
+from tidemap.services.context import Context
+from tidemap.services.locations import change_location, delete_location, get_location, list_locations
 
 
 def change(ctx: Context, which: str, /, **fields: Any) -> dict[str, Any]:

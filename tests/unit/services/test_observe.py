@@ -6,7 +6,8 @@ from threading import Event
 import numpy as np
 import pytest
 
-from app.errors import (
+from tests.support.contexts import NOW, history_of, make_location, post_rows, post_states, refit
+from tidemap.errors import (
     IdempotencyConflictError,
     InvalidInputError,
     LocationNotFoundError,
@@ -15,17 +16,16 @@ from app.errors import (
     UnauthorizedError,
     UnsupportedMediaTypeError,
 )
-from app.events.messages import Message
-from app.ingest.observation import JSON, Body
-from app.schemas.locations import LocationPatch
-from app.services.anomalies import EventQuery, list_events
-from app.services.context import Context
-from app.services.keys import Claim, Principal
-from app.services.locations import change_location, delete_location, find_location, get_location
-from app.services.observe import QUICK_BYTES, QUICK_LOOKS, NotQuickError, begin, begin_quick, is_quick, observe
-from app.services.posts import Post
-from app.services.spectra import fitted
-from tests.support.contexts import NOW, history_of, make_location, post_rows, post_states, refit
+from tidemap.events.messages import Message
+from tidemap.ingest.observation import JSON, Body
+from tidemap.schemas.locations import LocationPatch
+from tidemap.services.anomalies import EventQuery, list_events
+from tidemap.services.context import Context
+from tidemap.services.keys import Claim, Principal
+from tidemap.services.locations import change_location, delete_location, find_location, get_location
+from tidemap.services.observe import QUICK_BYTES, QUICK_LOOKS, NotQuickError, begin, begin_quick, is_quick, observe
+from tidemap.services.posts import Post
+from tidemap.services.spectra import fitted
 
 
 def learned_door(ctx: Context) -> None:
@@ -152,7 +152,7 @@ def test_what_could_not_be_stored_is_not_told(ctx: Context, monkeypatch: pytest.
     def refuse(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr("app.storage.store.Store.submit_item", refuse)
+    monkeypatch.setattr("tidemap.storage.store.Store.submit_item", refuse)
     with pytest.raises(type(error)):
         post_states(ctx, "door", [0.0], [1])
     assert heard == []

@@ -2,8 +2,8 @@
 
 from typing import Any, cast
 
-from app.services.places import BELIEVED_S, Places
-from app.storage.records import LocationRecord
+from tidemap.services.places import BELIEVED_S, Places
+from tidemap.storage.records import LocationRecord
 
 
 class Readings:

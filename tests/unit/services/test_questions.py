@@ -5,15 +5,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.errors import CellNotFoundError, InvalidInputError, LocationNotFoundError, NoModelError
-from app.schemas.locations import LocationPatch
-from app.services.context import Context
-from app.services.locations import change_location
-from app.services.predict import PredictQuery, StateQuery, predict_at, state_at
-from app.services.series import series
-from app.services.spectra import fitted
-from app.spectral.prediction import predict_slow
 from tests.support.contexts import compact_now, make_location, post_rows, post_states, refit
+from tidemap.errors import CellNotFoundError, InvalidInputError, LocationNotFoundError, NoModelError
+from tidemap.schemas.locations import LocationPatch
+from tidemap.services.context import Context
+from tidemap.services.locations import change_location
+from tidemap.services.predict import PredictQuery, StateQuery, predict_at, state_at
+from tidemap.services.series import series
+from tidemap.services.spectra import fitted
+from tidemap.spectral.prediction import predict_slow
 
 DAY = 86_400.0
 NEVER = 2

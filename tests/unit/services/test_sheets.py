@@ -8,17 +8,17 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from app.formats.arrow import encode_table, labels
-from app.schemas.locations import LocationPatch
-from app.services.context import Context
-from app.services.locations import change_location
-from app.services.predict import StateQuery, StateView, ask, sheet_of, state_at
-from app.services.sheets import MapSheet
-from app.services.warm import warm
-from app.spectral import kernels
-from app.spectral.prediction import VERDICTS
-from app.spectral.spectrum import Spectrum, blank
 from tests.support.contexts import make_location, opened, post_rows, refit
+from tidemap.formats.arrow import encode_table, labels
+from tidemap.schemas.locations import LocationPatch
+from tidemap.services.context import Context
+from tidemap.services.locations import change_location
+from tidemap.services.predict import StateQuery, StateView, ask, sheet_of, state_at
+from tidemap.services.sheets import MapSheet
+from tidemap.services.warm import warm
+from tidemap.spectral import kernels
+from tidemap.spectral.prediction import VERDICTS
+from tidemap.spectral.spectrum import Spectrum, blank
 
 FACTS = {"time": "2026-03-02T09:30:00Z", "revision": 3}
 

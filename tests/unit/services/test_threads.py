@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.errors import TidemapError
-from app.services.anomalies import DetectQuery, EventQuery, detect, list_events
-from app.services.context import Context
-from app.services.locations import get_location, list_locations
-from app.services.predict import PredictQuery, StateQuery, predict_at, state_at
-from app.services.series import series
-from app.spectral.history import UNOBSERVED
 from tests.support.contexts import compact_now, history_of, make_location, opened, post_rows, refit
+from tidemap.errors import TidemapError
+from tidemap.services.anomalies import DetectQuery, EventQuery, detect, list_events
+from tidemap.services.context import Context
+from tidemap.services.locations import get_location, list_locations
+from tidemap.services.predict import PredictQuery, StateQuery, predict_at, state_at
+from tidemap.services.series import series
+from tidemap.spectral.history import UNOBSERVED
 
 CELLS = (3, 900, 1030, 1599)
 

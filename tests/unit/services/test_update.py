@@ -6,15 +6,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.errors import InvalidInputError, LocationNotFoundError, NoModelError, TidemapError
-from app.services.context import Context
-from app.services.locations import delete_location, find_location, get_location
-from app.services.predict import StateQuery, state_at
-from app.services.spectra import current_revision, fitted
-from app.services.update import UpdateRequest, run_update
-from app.spectral.history import UNOBSERVED
-from app.spectral.prediction import predict_slow
 from tests.support.contexts import NOW, Clock, Serial, history_of, make_location, post_rows, post_states, refit
+from tidemap.errors import InvalidInputError, LocationNotFoundError, NoModelError, TidemapError
+from tidemap.services.context import Context
+from tidemap.services.locations import delete_location, find_location, get_location
+from tidemap.services.predict import StateQuery, state_at
+from tidemap.services.spectra import current_revision, fitted
+from tidemap.services.update import UpdateRequest, run_update
+from tidemap.spectral.history import UNOBSERVED
+from tidemap.spectral.prediction import predict_slow
 
 MINUTE, DAY = 60.0, 86_400.0
 

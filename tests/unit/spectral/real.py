@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from app.spectral.history import UNOBSERVED, History
-from app.spectral.timebase import TimeBase
 from tests.support.office import read_office
 from tests.support.paths import ROOT
+from tidemap.spectral.history import UNOBSERVED, History
+from tidemap.spectral.timebase import TimeBase
 
 DATA = ROOT.parent / "shared" / "data"
 MONDAY = 345_600.0

@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from app.spectral import ascent, folding, waves
-from app.spectral.ascent import base_logit, fit_rows
-from app.spectral.civil import civil_seconds
-from app.spectral.estimators import ESTIMATORS, fit, fit_recipe
-from app.spectral.evaluation import score
-from app.spectral.folding import Weeks
-from app.spectral.history import History
-from app.spectral.model import reconstruct, refit
-from app.spectral.prediction import predict_slow, predict_times
-from app.spectral.recipe import PRIORS, Prior, Recipe
-from app.spectral.reconstruction import predicted_words
-from app.spectral.spectrum import Spectrum, components, concatenate, truncate
-from app.spectral.timebase import TimeBase
+from tidemap.spectral import ascent, folding, waves
+from tidemap.spectral.ascent import base_logit, fit_rows
+from tidemap.spectral.civil import civil_seconds
+from tidemap.spectral.estimators import ESTIMATORS, fit, fit_recipe
+from tidemap.spectral.evaluation import score
+from tidemap.spectral.folding import Weeks
+from tidemap.spectral.history import History
+from tidemap.spectral.model import reconstruct, refit
+from tidemap.spectral.prediction import predict_slow, predict_times
+from tidemap.spectral.recipe import PRIORS, Prior, Recipe
+from tidemap.spectral.reconstruction import predicted_words
+from tidemap.spectral.spectrum import Spectrum, components, concatenate, truncate
+from tidemap.spectral.timebase import TimeBase
 
 LONDON = "Europe/London"
 SPRING = 1_711_324_800.0

@@ -6,15 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.spectral import level
-from app.spectral.estimators import fit_recipe
-from app.spectral.evaluation import score
-from app.spectral.history import UNOBSERVED, History
-from app.spectral.prediction import predict_times
-from app.spectral.recipe import Prior, Recipe
-from app.spectral.selection import choose
-from app.spectral.timebase import TimeBase
 from tests.unit.spectral.real import MONDAY
+from tidemap.spectral import level
+from tidemap.spectral.estimators import fit_recipe
+from tidemap.spectral.evaluation import score
+from tidemap.spectral.history import UNOBSERVED, History
+from tidemap.spectral.prediction import predict_times
+from tidemap.spectral.recipe import Prior, Recipe
+from tidemap.spectral.selection import choose
+from tidemap.spectral.timebase import TimeBase
 
 BASE, DAY = TimeBase(MONDAY, 900.0), 96
 PLAIN = Recipe("calendar", 64, "UTC", (Prior(week="day", half_life_days=math.inf),))

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from app.spectral.anomaly import is_anomalous
-from app.spectral.history import History
-from app.spectral.model import Model, accuracy, reconstruct, update
-from app.spectral.outliers import count, find_outliers
-from app.spectral.prediction import predict_times
-from app.spectral.selection import choose
-from app.spectral.timebase import TimeBase
 from tests.support.office import Office, Signal
+from tidemap.spectral.anomaly import is_anomalous
+from tidemap.spectral.history import History
+from tidemap.spectral.model import Model, accuracy, reconstruct, update
+from tidemap.spectral.outliers import count, find_outliers
+from tidemap.spectral.prediction import predict_times
+from tidemap.spectral.selection import choose
+from tidemap.spectral.timebase import TimeBase
 
 BASE = TimeBase(0.0, 1.0)
 ORDERS = (0, 1, 2, 3, 5, 10, 15, 20)

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from app.spectral.patterns import distinct, spread, transpose
+from tidemap.spectral.patterns import distinct, spread, transpose
 
 planes = st.tuples(st.integers(0, 20), st.integers(0, 5)).flatmap(lambda shape: hnp.arrays(np.uint8, shape))
 few = settings(max_examples=60)

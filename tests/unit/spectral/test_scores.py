@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from app.spectral.anomaly import is_anomalous, surprise
-from app.spectral.evaluation import expected_calibration_error, reliability, score
-from app.spectral.history import History
-from app.spectral.selection import choose
-from app.spectral.timebase import TimeBase
-from app.spectral.window import fit_window
+from tidemap.spectral.anomaly import is_anomalous, surprise
+from tidemap.spectral.evaluation import expected_calibration_error, reliability, score
+from tidemap.spectral.history import History
+from tidemap.spectral.selection import choose
+from tidemap.spectral.timebase import TimeBase
+from tidemap.spectral.window import fit_window
 
 HOURLY = TimeBase(0.0, 3600.0)
 

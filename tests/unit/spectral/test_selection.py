@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from app.spectral.civil import civil_seconds
-from app.spectral.estimators import fit_recipe
-from app.spectral.evaluation import Scores, expected_calibration_error, reliability, score
-from app.spectral.history import UNOBSERVED, History
-from app.spectral.prediction import predict_times
-from app.spectral.recipe import Prior, Recipe
-from app.spectral.selection import Selection, choose
-from app.spectral.timebase import TimeBase
-from app.spectral.trials import plan, task
-from app.spectral.window import fit_window
 from tests.unit.spectral import real
 from tests.unit.spectral.rivals import KINDS, histogram
 from tests.unit.spectral.test_calendar import BASE, DAY, LONDON, working_hours
+from tidemap.spectral.civil import civil_seconds
+from tidemap.spectral.estimators import fit_recipe
+from tidemap.spectral.evaluation import Scores, expected_calibration_error, reliability, score
+from tidemap.spectral.history import UNOBSERVED, History
+from tidemap.spectral.prediction import predict_times
+from tidemap.spectral.recipe import Prior, Recipe
+from tidemap.spectral.selection import Selection, choose
+from tidemap.spectral.timebase import TimeBase
+from tidemap.spectral.trials import plan, task
+from tidemap.spectral.window import fit_window
 
 WEEK = 7 * 1440
 ORDERS = (1, 2, 3, 4, 5, 6, 8, 10, 15)

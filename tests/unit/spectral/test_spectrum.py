@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from app.spectral import prediction, reconstruction
-from app.spectral.bits import WORD
-from app.spectral.civil import civil_seconds
-from app.spectral.estimators import fit
-from app.spectral.history import History
-from app.spectral.prediction import (
+from tidemap.spectral import prediction, reconstruction
+from tidemap.spectral.bits import WORD
+from tidemap.spectral.civil import civil_seconds
+from tidemap.spectral.estimators import fit
+from tidemap.spectral.history import History
+from tidemap.spectral.prediction import (
     Answer,
     entropy,
     predict,
@@ -26,8 +26,8 @@ from app.spectral.prediction import (
     verdict,
     write_waves,
 )
-from app.spectral.spectrum import Spectrum, components, concatenate, select, truncate
-from app.spectral.timebase import TimeBase
+from tidemap.spectral.spectrum import Spectrum, components, concatenate, select, truncate
+from tidemap.spectral.timebase import TimeBase
 
 BASE = TimeBase(epoch=1.7e9, interval_s=300.0)
 BOUND = 2e-5

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from app.spectral import transform
-from app.spectral.estimators import fit
-from app.spectral.history import History
-from app.spectral.spectrum import Spectrum, components
-from app.spectral.timebase import TimeBase
+from tidemap.spectral import transform
+from tidemap.spectral.estimators import fit
+from tidemap.spectral.history import History
+from tidemap.spectral.spectrum import Spectrum, components
+from tidemap.spectral.timebase import TimeBase
 
 BASE = TimeBase(0.0, 60.0)
 

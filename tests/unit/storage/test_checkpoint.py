@@ -11,8 +11,8 @@ from threading import Event
 
 import pytest
 
-from app.storage.store import Store
-from app.storage.work import Work
+from tidemap.storage.store import Store
+from tidemap.storage.work import Work
 
 READERS, WRITERS = 6, 4
 MOST = 400_000
@@ -30,7 +30,7 @@ def store(sqlite_url: str) -> Iterator[Store]:
 @pytest.fixture
 def log(sqlite_url: str, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The log file, bounded to what a test can fill quickly."""
-    monkeypatch.setattr("app.storage.checkpoint.MOST_BYTES", MOST)
+    monkeypatch.setattr("tidemap.storage.checkpoint.MOST_BYTES", MOST)
     return Path(sqlite_url.removeprefix("sqlite:///") + "-wal")
 
 
@@ -74,8 +74,8 @@ def test_it_is_bounded_under_readers_that_never_pause(store: Store, log: Path) -
 def test_a_reader_that_stays_is_waited_for_a_little_and_then_later_again(
     store: Store, log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.storage.checkpoint.PATIENCE_S", 0.05)
-    monkeypatch.setattr("app.storage.checkpoint.REST_S", 0.05)
+    monkeypatch.setattr("tidemap.storage.checkpoint.PATIENCE_S", 0.05)
+    monkeypatch.setattr("tidemap.storage.checkpoint.REST_S", 0.05)
     leave, inside = Event(), Event()
 
     def stay() -> None:

@@ -6,10 +6,10 @@ import pytest
 from sqlalchemy import Engine, insert, select, text
 from sqlalchemy.exc import IntegrityError
 
-from app.errors import SchemaVersionError
-from app.storage.engine import open_reader, open_writer
-from app.storage.store import Store, migrate_database
-from app.storage.tables import api_key, observation
+from tidemap.errors import SchemaVersionError
+from tidemap.storage.engine import open_reader, open_writer
+from tidemap.storage.store import Store, migrate_database
+from tidemap.storage.tables import api_key, observation
 
 
 def pragma(engine: Engine, name: str) -> object:
@@ -66,7 +66,7 @@ def test_a_store_that_cannot_be_opened_keeps_no_connection(tmp_path, monkeypatch
         opened.append(open_reader(url))
         return opened[-1]
 
-    monkeypatch.setattr("app.storage.store.open_reader", watched)
+    monkeypatch.setattr("tidemap.storage.store.open_reader", watched)
     with pytest.raises(SchemaVersionError):
         Store(f"sqlite:///{tmp_path}/tidemap.db")
     assert [engine.pool.checkedin() for engine in opened] == [0]  # type: ignore[attr-defined]

@@ -5,9 +5,9 @@ from threading import Event, Thread
 
 import pytest
 
-from app.errors import ShuttingDownError
-from app.storage.gate import Gate
 from tests.support.waiting import until
+from tidemap.errors import ShuttingDownError
+from tidemap.storage.gate import Gate
 
 WAIT_S = 10.0
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from app.errors import LocationNotFoundError, NoModelError
-from app.schemas.anomalies import Event
-from app.schemas.locations import Grid, Location
-from web.viewer.source import Question
+from tidemap.errors import LocationNotFoundError, NoModelError
+from tidemap.schemas.anomalies import Event
+from tidemap.schemas.locations import Grid, Location
+from tidemap_web.viewer.source import Question
 
 NOW = 1_800_000_000.0
 

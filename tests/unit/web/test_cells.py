@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tests.unit.web.states import NOW, FakeState
-from web.viewer import colors
-from web.viewer.cells import Ground, Picture, Taste, index_of, picture
+from tidemap_web.viewer import colors
+from tidemap_web.viewer.cells import Ground, Picture, Taste, index_of, picture
 
 
 def paint(state: FakeState, usual: NDArray[np.float32] | None = None) -> Picture:

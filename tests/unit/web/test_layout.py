@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from web.viewer.layout import Layout, arrange, floor_step, look
-from web.viewer.picking import Ray, first_hit, rotation
-from web.viewer.span import DAY_S, span
+from tidemap_web.viewer.layout import Layout, arrange, floor_step, look
+from tidemap_web.viewer.picking import Ray, first_hit, rotation
+from tidemap_web.viewer.span import DAY_S, span
 
 FOV = 0.7
 

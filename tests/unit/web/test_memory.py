@@ -12,7 +12,7 @@ MANY_THREADS = """
 import threading
 import numpy as np
 from tests.support.memory import memory_mb
-from web.memory import give_back_freed
+from tidemap_web.memory import give_back_freed
 
 give_back_freed()
 
@@ -31,7 +31,7 @@ BESIDE_SMALL_ONES = """
 import os, time
 import numpy as np
 from tests.support.memory import memory_mb
-from web.memory import give_back_freed, giving_back
+from tidemap_web.memory import give_back_freed, giving_back
 
 give_back_freed()
 pairs = [(np.ones(5000), bytes(1000)) for _ in range(3000)]

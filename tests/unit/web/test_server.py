@@ -3,11 +3,11 @@
 import asyncio
 import threading
 
-from app.events.bus import Bus
-from app.events.messages import Message
-from web.viewer.news import News
-from web.viewer.server import _Viser
-from web.viewer.sockets import Outbox
+from tidemap.events.bus import Bus
+from tidemap.events.messages import Message
+from tidemap_web.viewer.news import News
+from tidemap_web.viewer.server import _Viser
+from tidemap_web.viewer.sockets import Outbox
 
 
 def test_nobody_can_open_a_tunnel_to_a_public_server() -> None:

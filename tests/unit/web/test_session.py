@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from tests.unit.web.states import NOW, FakeSource, location
-from web.viewer.messages import Aim, Select, Wish, parse
-from web.viewer.session import Session
+from tidemap_web.viewer.messages import Aim, Select, Wish, parse
+from tidemap_web.viewer.session import Session
 
 
 class Page:

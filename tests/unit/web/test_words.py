@@ -2,8 +2,8 @@
 
 import pytest
 
-from web.pages import guard, words
-from web.pages.templates import asset
+from tidemap_web.pages import guard, words
+from tidemap_web.pages.templates import asset
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from app.services.context import Context
 from tests.support.contexts import Clock, opened
+from tidemap.services.context import Context
 
 
 @pytest.fixture

@@ -12,20 +12,6 @@ import numpy as np
 import pytest
 from sqlalchemy import func, select, update
 
-from app.errors import ShuttingDownError
-from app.services import compaction
-from app.services.context import Context
-from app.services.jobs import request_update
-from app.services.locations import find_location
-from app.services.update import UpdateRequest
-from app.spectral.history import UNOBSERVED
-from app.storage.records import LocationRecord
-from app.storage.tables import history, observation
-from app.storage.work import Work
-from app.workers import compactor as compactor_module
-from app.workers.compactor import COMPACT_POSTS, Compactor
-from app.workers.duty import Duty
-from app.workers.updater import Updater
 from tests.support.contexts import (
     Clock,
     at_work,
@@ -38,6 +24,20 @@ from tests.support.contexts import (
     post_states,
 )
 from tests.support.waiting import until
+from tidemap.errors import ShuttingDownError
+from tidemap.services import compaction
+from tidemap.services.context import Context
+from tidemap.services.jobs import request_update
+from tidemap.services.locations import find_location
+from tidemap.services.update import UpdateRequest
+from tidemap.spectral.history import UNOBSERVED
+from tidemap.storage.records import LocationRecord
+from tidemap.storage.tables import history, observation
+from tidemap.storage.work import Work
+from tidemap.workers import compactor as compactor_module
+from tidemap.workers.compactor import COMPACT_POSTS, Compactor
+from tidemap.workers.duty import Duty
+from tidemap.workers.updater import Updater
 
 WAIT_S = 20.0
 
@@ -208,7 +208,7 @@ def test_off_duty_nobody_waits_long_for_a_location_that_is_not_compacted(
 
 
 def test_it_works_while_an_update_runs(lively: Context, monkeypatch: pytest.MonkeyPatch) -> None:
-    from app.services import update
+    from tidemap.services import update
 
     begun, go_on = Event(), Event()
     fit = update._update_chunk

@@ -12,19 +12,19 @@ from typing import Any
 import pytest
 from sqlalchemy.exc import OperationalError
 
-from app.errors import OffDutyError
-from app.services import compaction
-from app.services.context import Context
-from app.services.jobs import claim_job, get_job, request_update
-from app.services.locations import find_location
-from app.services.update import UpdateRequest
-from app.storage.lock import FileLock
-from app.workers import duty as duty_module
-from app.workers.compactor import COMPACT_POSTS, Compactor
-from app.workers.duty import Duty, Term
-from app.workers.updater import Updater
 from tests.support.contexts import at_work, make_location, on_duty, post_rows, post_states
 from tests.support.waiting import until
+from tidemap.errors import OffDutyError
+from tidemap.services import compaction
+from tidemap.services.context import Context
+from tidemap.services.jobs import claim_job, get_job, request_update
+from tidemap.services.locations import find_location
+from tidemap.services.update import UpdateRequest
+from tidemap.storage.lock import FileLock
+from tidemap.workers import duty as duty_module
+from tidemap.workers.compactor import COMPACT_POSTS, Compactor
+from tidemap.workers.duty import Duty, Term
+from tidemap.workers.updater import Updater
 
 WAIT_S = 20.0
 STATIC = UpdateRequest(estimator="static")
@@ -128,7 +128,7 @@ def make_lab(ctx: Context) -> None:
 def test_an_update_whose_term_ends_publishes_nothing_and_runs_again(
     lively: Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from app.services import update
+    from tidemap.services import update
 
     begun, go_on = Event(), Event()
     fit = update._update_chunk
@@ -198,7 +198,7 @@ def test_off_duty_too_it_finds_out_when_the_database_can_be_written_again(lively
 def test_off_duty_nothing_is_compacted_but_posts_are_slowed_down(
     lively: Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.workers.compactor.LATE_MEASUREMENTS", 100)
+    monkeypatch.setattr("tidemap.workers.compactor.LATE_MEASUREMENTS", 100)
     make_location(lively, "door")
     with held_elsewhere(lively) as other, on_duty(lively) as duty, at_work(Compactor(lively, duty)) as compactor:
         for _ in range(COMPACT_POSTS):

@@ -6,8 +6,8 @@ from threading import Event, Thread, current_thread
 
 import pytest
 
-from app.errors import ShuttingDownError
-from app.workers.executors import LocalExecutor
+from tidemap.errors import ShuttingDownError
+from tidemap.workers.executors import LocalExecutor
 
 
 @pytest.fixture

@@ -3,8 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.workers.retries import MOST_S, Retries
 from tests.support.contexts import Clock
+from tidemap.workers.retries import MOST_S, Retries
 
 
 def test_what_never_failed_is_always_tried() -> None:

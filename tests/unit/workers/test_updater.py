@@ -11,22 +11,6 @@ import numpy as np
 import pytest
 from sqlalchemy import update
 
-from app.errors import JobFinishedError, JobNotFoundError, QueueFullError, StorageUnavailableError
-from app.events.messages import Message
-from app.schemas.jobs import Job
-from app.services import jobs as jobs_service
-from app.services.context import Context
-from app.services.jobs import cancel_job, claim_job, get_job, list_jobs, request_update
-from app.services.locations import delete_location, find_location, get_location
-from app.services.predict import StateQuery, state_at
-from app.services.update import UpdateRequest
-from app.spectral.recipe import Recipe
-from app.storage.jobs import Jobs
-from app.storage.records import JobRecord, LocationRecord, RevisionRecord
-from app.storage.tables import history
-from app.workers import updater as updater_module
-from app.workers.duty import Duty
-from app.workers.updater import Updater, is_due
 from tests.support.contexts import (
     NOW,
     Clock,
@@ -38,6 +22,22 @@ from tests.support.contexts import (
     post_rows,
     post_states,
 )
+from tidemap.errors import JobFinishedError, JobNotFoundError, QueueFullError, StorageUnavailableError
+from tidemap.events.messages import Message
+from tidemap.schemas.jobs import Job
+from tidemap.services import jobs as jobs_service
+from tidemap.services.context import Context
+from tidemap.services.jobs import cancel_job, claim_job, get_job, list_jobs, request_update
+from tidemap.services.locations import delete_location, find_location, get_location
+from tidemap.services.predict import StateQuery, state_at
+from tidemap.services.update import UpdateRequest
+from tidemap.spectral.recipe import Recipe
+from tidemap.storage.jobs import Jobs
+from tidemap.storage.records import JobRecord, LocationRecord, RevisionRecord
+from tidemap.storage.tables import history
+from tidemap.workers import updater as updater_module
+from tidemap.workers.duty import Duty
+from tidemap.workers.updater import Updater, is_due
 
 WAIT_S = 20.0
 STATIC = UpdateRequest(estimator="static")
@@ -226,7 +226,7 @@ def make_lab(ctx: Context) -> None:
 def test_a_job_that_the_end_interrupts_runs_again_at_the_next_start(
     sqlite_url: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    from app.services import update
+    from tidemap.services import update
 
     begun, go_on = Event(), Event()
     fit = update._update_chunk
@@ -265,14 +265,14 @@ def test_the_end_of_a_job_is_stored_once_the_database_is_back(lively: Context, m
             raise StorageUnavailableError
         return write(*arguments)
 
-    monkeypatch.setattr("app.storage.store.Store.write", refuse)
+    monkeypatch.setattr("tidemap.storage.store.Store.write", refuse)
     job = request_update(lively, "door", STATIC)
     lively.bus.subscribe(lambda message: away.set() if message.data.get("state") == "running" else None)
     with working(lively):
         until(away.is_set)
         time.sleep(0.1)
         assert get_job(lively, job.id).state == "running"
-        monkeypatch.setattr("app.storage.store.Store.write", lambda _, *arguments: write(*arguments))
+        monkeypatch.setattr("tidemap.storage.store.Store.write", lambda _, *arguments: write(*arguments))
         assert until(lambda: finished(lively, job.id)).state == "done"
 
 
@@ -319,14 +319,14 @@ def test_a_job_runs_even_if_it_is_not_known_whether_it_was_claimed(
             raise lost.pop()
         return result
 
-    monkeypatch.setattr("app.storage.store.Store.write", lose_the_answer)
+    monkeypatch.setattr("tidemap.storage.store.Store.write", lose_the_answer)
     with working(lively):
         assert until(lambda: finished(lively, job.id)).state == "done"
     assert lost == []
 
 
 def test_a_job_does_not_fail_because_the_database_is_away(lively: Context, monkeypatch: pytest.MonkeyPatch) -> None:
-    from app.services import update
+    from tidemap.services import update
 
     away = [StorageUnavailableError(), StorageUnavailableError()]
     plan = update._plan
@@ -350,7 +350,7 @@ def test_a_full_queue_does_not_fail_an_update_for_its_progress(ctx: Context, mon
         raise QueueFullError
 
     make_lab(ctx)
-    monkeypatch.setattr("app.storage.store.Store.submit", refuse)
+    monkeypatch.setattr("tidemap.storage.store.Store.submit", refuse)
     with working(ctx):
         job = request_update(ctx, "lab", STATIC)
         assert until(lambda: finished(ctx, job.id)).state == "done"

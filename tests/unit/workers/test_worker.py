@@ -6,12 +6,12 @@ from threading import Event
 
 import pytest
 
-from app.errors import LocationNotFoundError, QueueFullError
-from app.services.context import Context
-from app.services.locations import find_location
-from app.workers.worker import Worker
 from tests.support.contexts import make_location
 from tests.support.waiting import until
+from tidemap.errors import LocationNotFoundError, QueueFullError
+from tidemap.services.context import Context
+from tidemap.services.locations import find_location
+from tidemap.workers.worker import Worker
 
 LONG_S = 3600.0
 

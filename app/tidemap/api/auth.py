@@ -1,0 +1,213 @@
+"""Who asks, and may they: bearer keys and browser sessions, pages of other sites, too many requests."""
+
+from collections.abc import Awaitable, Callable, Coroutine, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, TypeVar
+from urllib.parse import urlsplit
+
+from fastapi import Request
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import HTTPConnection
+
+from tidemap.api.limits import Limits, Senders
+from tidemap.errors import ForbiddenError, OtherSiteError, UnauthorizedError
+from tidemap.schemas.keys import Role
+from tidemap.services.context import Context
+from tidemap.services.keys import OPEN, Claim, Principal, allows, by_secret, by_session, digest_of, is_open
+from tidemap.settings import Settings, is_loopback
+
+Answer = TypeVar("Answer")
+COOKIE = "tidemap_session"
+READING = frozenset({"GET", "HEAD", "OPTIONS"})
+
+
+def of_connection(connection: HTTPConnection) -> Principal:
+    """Who opened this request or socket; asked again of the same one, it is neither looked up nor counted again.
+
+    Raises UnauthorizedError when keys exist and none is given, OtherSiteError, RateLimitError.
+    """
+    known = getattr(connection.state, "principal", None)
+    if isinstance(known, Principal):
+        return known
+    principal = _principal(connection)
+    _count(connection, principal)
+    connection.state.principal = principal
+    return principal
+
+
+def require(role: Role) -> Callable[[Request], Principal]:
+    """A dependency: who asks, if their role allows what `role` may."""
+
+    def check(request: Request) -> Principal:
+        principal = of_connection(request)
+        _check_role(principal, role)
+        return principal
+
+    return check
+
+
+def _check_role(principal: Principal, role: Role) -> None:
+    if not allows(principal.role, role):
+        raise ForbiddenError(f"The key {principal.name!r} has role {principal.role}; this needs {role} or admin.")
+
+
+def _count(connection: HTTPConnection, principal: Principal) -> None:
+    """Count a request. Raises RateLimitError."""
+    if principal.key_id is not None:
+        _limits(connection).requests.take(f"key {principal.key_id}")
+    elif not is_loopback(_settings(connection).host):
+        _limits(connection).requests.take(_address(connection))
+
+
+@dataclass(frozen=True, slots=True)
+class Sender:
+    """Who posts or asks; `claim` is to be confirmed where the database is read."""
+
+    principal: Principal
+    claim: Claim | None
+
+
+def sending(role: Role) -> Callable[[Request], Coroutine[Any, Any, Sender]]:
+    """A dependency: who posts or asks, if their role allows what `role` may.
+
+    Whoever did lately is looked up where the database is read anyway, not here. Raises as `of_connection`,
+    ForbiddenError.
+    """
+
+    async def check(request: Request) -> Sender:
+        secret = _bearer(request)
+        digest = None if secret is None else digest_of(secret)
+        claim = None if digest is None and COOKIE in request.cookies else _senders(request).get(digest)
+        if claim is None:
+            principal = await run_in_threadpool(of_connection, request)
+            if digest is not None or principal == OPEN:
+                claim = Claim(principal, digest)
+                _senders(request).add(claim)
+        else:
+            principal = claim.principal
+            if digest is None:
+                _refuse_strangers(request)
+            _count(request, principal)
+        _check_role(principal, role)
+        return Sender(principal, claim)
+
+    return check
+
+
+async def confirming(request: Request, sender: Sender, answer: Awaitable[Answer]) -> Answer:
+    """An answer whose maker confirms the sender's claim; one that turns out untrue is refused.
+
+    Raises UnauthorizedError, RateLimitError.
+    """
+    try:
+        return await answer
+    except UnauthorizedError:
+        if sender.claim is not None:
+            await _refuse(request, sender.claim)
+        raise
+
+
+async def _refuse(request: Request, claim: Claim) -> None:
+    """Refuse a claim that is not true any more, counting what its sender sent as every wrong key.
+
+    Raises UnauthorizedError, RateLimitError.
+    """
+    _senders(request).forget(claim)
+    await run_in_threadpool(of_connection, request)
+
+
+@contextmanager
+def counting_wrong_keys(connection: HTTPConnection, secret: str) -> Iterator[None]:
+    """Counts a secret that is found wrong within. Raises RateLimitError when too many came from its address."""
+    limits, address = _limits(connection), _address(connection)
+    if secret not in limits.right_keys:
+        limits.wrong_keys.check(address)
+    try:
+        yield
+    except UnauthorizedError:
+        limits.wrong_keys.spend(address)
+        raise
+    limits.right_keys.add(secret)
+
+
+def refuse_other_sites(connection: HTTPConnection) -> None:
+    """Refuse what a page of another site does in some browser: its user did not ask for it. Raises OtherSiteError.
+
+    A browser names the site of the page with every request that may change something, and with every socket.
+    """
+    origin = connection.headers.get("origin")
+    if origin is None or connection.scope.get("method") in READING:
+        return
+    if _part(origin, "netloc") != connection.headers.get("host"):
+        raise OtherSiteError(f"A page at {origin} may do nothing here. Programs send a key, and no Origin.")
+
+
+def _principal(connection: HTTPConnection) -> Principal:
+    ctx: Context = connection.app.state.ctx
+    secret = _bearer(connection)
+    if secret is not None:
+        with counting_wrong_keys(connection, secret):
+            return by_secret(ctx, secret)
+    if is_open(ctx):
+        _refuse_strangers(connection)
+        return OPEN
+    if COOKIE in connection.cookies:
+        refuse_other_sites(connection)
+        token = connection.cookies[COOKIE]
+        with counting_wrong_keys(connection, token):
+            return by_session(ctx, token)
+    raise UnauthorizedError("Send a key: 'Authorization: Bearer tm_…'. An admin makes keys with 'tidemap keys create'.")
+
+
+def _bearer(connection: HTTPConnection) -> str | None:
+    """The secret that is sent as a header, None without one."""
+    scheme, _, secret = connection.headers.get("authorization", "").partition(" ")
+    return secret.strip() if secret and scheme.lower() == "bearer" else None
+
+
+def _refuse_strangers(connection: HTTPConnection) -> None:
+    """What pages of other sites do on an open server. Raises OtherSiteError."""
+    _refuse_other_hosts(connection)
+    refuse_other_sites(connection)
+
+
+def _refuse_other_hosts(connection: HTTPConnection) -> None:
+    """Where only this machine reaches an open server, a page of another site may have its name lead here instead.
+
+    Raises OtherSiteError.
+    """
+    settings, host = _settings(connection), connection.headers.get("host")
+    if settings.open or not is_loopback(settings.host) or host is None or is_loopback(_part(f"//{host}", "hostname")):
+        return
+    raise OtherSiteError(
+        f"While no key exists this server answers to localhost and 127.0.0.1 only, and it was asked as {host!r}. "
+        "Use one of these names, or make a key with 'tidemap keys create'."
+    )
+
+
+def _part(url: str, name: str) -> str:
+    """A part of a URL; empty where there is none."""
+    try:
+        return getattr(urlsplit(url), name) or ""
+    except ValueError:
+        return ""
+
+
+def _address(connection: HTTPConnection) -> str:
+    return connection.client.host if connection.client else ""
+
+
+def _limits(connection: HTTPConnection) -> Limits:
+    limits: Limits = connection.app.state.limits
+    return limits
+
+
+def _senders(connection: HTTPConnection) -> Senders:
+    senders: Senders = connection.app.state.senders
+    return senders
+
+
+def _settings(connection: HTTPConnection) -> Settings:
+    ctx: Context = connection.app.state.ctx
+    return ctx.settings

@@ -1,0 +1,99 @@
+"""The memory that bodies may take at once: being read, parsed and stored."""
+
+import asyncio
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+from tidemap.errors import TooManyBodiesError
+
+PATIENCE_S = 5.0
+"""How long a body waits for its share."""
+
+
+@dataclass(slots=True, eq=False)
+class Wish:
+    """A share that waits to grow by `size` bytes."""
+
+    share: "Share"
+    size: int
+    granted: asyncio.Event = field(default_factory=asyncio.Event)
+
+
+class Budget:
+    """`total` bytes, given to whoever asks first. For one event loop.
+
+    One share at a time may overdraw: it never waits, so it comes to its end and gives back, however many half-read
+    bodies hold the rest. So at most `total` and what one body may take is held, and nobody waits for ever.
+    """
+
+    def __init__(self, total: int, patience_s: float = PATIENCE_S) -> None:
+        self.held = 0
+        self._total = total
+        self._patience_s = patience_s
+        self._queue: deque[Wish] = deque()
+        self._overdrawn: Share | None = None
+
+    @contextmanager
+    def share(self) -> "Iterator[Share]":
+        """The share of one body, given back at the end."""
+        share = Share(self)
+        try:
+            yield share
+        finally:
+            self.held -= share.held
+            if self._overdrawn is share:
+                self._overdrawn = None
+            self._serve()
+
+    async def give(self, share: "Share", size: int) -> None:
+        """Let a share grow. Raises TooManyBodiesError when so much does not get free in time."""
+        if share is self._overdrawn or (not self._queue and self._fits(size)):
+            self._give(share, size)
+            return
+        wish = Wish(share, size)
+        self._queue.append(wish)
+        self._serve()
+        try:
+            async with asyncio.timeout(self._patience_s):
+                await wish.granted.wait()
+        except TimeoutError:
+            if not wish.granted.is_set():
+                raise TooManyBodiesError from None
+        finally:
+            if not wish.granted.is_set():
+                self._queue.remove(wish)
+                self._serve()
+
+    def _serve(self) -> None:
+        """Grant wishes in their order, as far as it goes."""
+        while self._queue:
+            wish = self._queue[0]
+            if not self._fits(wish.size):
+                if self._overdrawn is not None:
+                    return
+                self._overdrawn = wish.share
+            self._queue.popleft()
+            self._give(wish.share, wish.size)
+            wish.granted.set()
+
+    def _fits(self, size: int) -> bool:
+        return self.held + size <= self._total
+
+    def _give(self, share: "Share", size: int) -> None:
+        self.held += size
+        share.held += size
+
+
+@dataclass(slots=True, eq=False)
+class Share:
+    """What one body holds of a budget; bytes."""
+
+    budget: Budget
+    held: int = 0
+
+    async def grow(self, size: int) -> None:
+        """Hold `size` more bytes, once they are free. Raises TooManyBodiesError when that takes too long."""
+        if size:
+            await self.budget.give(self, size)

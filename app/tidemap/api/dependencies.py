@@ -1,0 +1,71 @@
+"""What routes depend on: the context, bodies within their limit, times and cursors of queries."""
+
+from typing import Annotated
+
+from fastapi import Depends, Query, Request
+from pydantic import AfterValidator
+
+from tidemap.api.auth import Sender, require, sending
+from tidemap.api.bodies import read_body
+from tidemap.api.budget import Share
+from tidemap.errors import InvalidInputError
+from tidemap.ingest.observation import Body
+from tidemap.schemas.common import Text, parse_time
+from tidemap.services.context import Context
+from tidemap.services.keys import Principal
+
+
+async def context(request: Request) -> Context:
+    """The context of this server. A function that is not async would take a turn in a thread."""
+    ctx: Context = request.app.state.ctx
+    return ctx
+
+
+async def posted_body(request: Request, time: str | None, share: Share) -> Body:
+    """The unpacked body of a request, within the limit, with `share` grown to the memory that parsing it takes.
+
+    `time` is that of a grid. Raises InvalidInputError, and as `read_body`.
+    """
+    ctx: Context = request.app.state.ctx
+    seconds = query_time("time", time)
+    media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    content = await read_body(request, ctx.settings.body_limit(media_type), share)
+    body = Body(content, media_type, seconds)
+    await share.grow(len(content) * (body.cost - 1))
+    return body
+
+
+def query_time(name: str, value: str | None) -> float | None:
+    """Unix seconds of a query parameter. Raises InvalidInputError naming it."""
+    if value is None:
+        return None
+    try:
+        return parse_time(value)
+    except ValueError as error:
+        raise InvalidInputError.at(name, str(error)) from None
+
+
+def cursor(name: str, value: str | None) -> int | None:
+    """The id in a cursor. Raises InvalidInputError naming it."""
+    if value is None:
+        return None
+    if not (value.isascii() and value.isdigit() and len(value) < 19):
+        raise InvalidInputError.at(name, "give the `next` of the page before, or the id of an item")
+    return int(value)
+
+
+def _storable(number: int) -> int:
+    """The id, or the greatest or least that a database holds, which nothing has."""
+    return max(-LARGEST_ID, min(number, LARGEST_ID))
+
+
+LARGEST_ID = 2**63 - 1
+Id = Annotated[int, AfterValidator(_storable)]
+Ctx = Annotated[Context, Depends(context)]
+Robot = Annotated[Sender, Depends(sending("robot"))]
+Asker = Annotated[Sender, Depends(sending("operator"))]
+Operator = Annotated[Principal, Depends(require("operator"))]
+Admin = Annotated[Principal, Depends(require("admin"))]
+TimeQuery = Annotated[str | None, Query(description="Unix seconds, or ISO 8601 with a zone.")]
+Limit = Annotated[int, Query(ge=1, le=1000)]
+After = Annotated[Text | None, Query(description="The `next` of the page before.")]

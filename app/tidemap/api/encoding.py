@@ -1,0 +1,156 @@
+"""Large answers from arrays: JSON, Arrow or npy, without a Python object per cell."""
+
+import hashlib
+import io
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import orjson
+from fastapi import Request
+from numpy.typing import NDArray
+from starlette.responses import Response
+from starlette.types import Receive, Scope, Send
+
+from tidemap.formats.arrow import ARROW, encode_table, labels, nullable
+from tidemap.schemas.common import iso
+from tidemap.services.lending import Loan
+from tidemap.services.predict import PredictionView, StateFacts, StateView
+from tidemap.services.series import SeriesView
+from tidemap.services.sheets import MapSheet
+from tidemap.spectral.history import UNOBSERVED
+from tidemap.spectral.prediction import VERDICTS
+
+JSON = "application/json"
+NPY = "application/x-npy"
+_OPTIONS = orjson.OPT_SERIALIZE_NUMPY
+
+
+def to_json(value: Any) -> bytes:
+    """JSON of nested values and arrays; NaN becomes null."""
+    return orjson.dumps(value, option=_OPTIONS)
+
+
+def preferred(request: Request, offered: tuple[str, ...]) -> str:
+    """The first offered media type that Accept names, the first of all otherwise."""
+    accepted = [part.partition(";")[0].strip().lower() for part in request.headers.get("accept", "").split(",")]
+    return next((each for each in accepted if each in offered), offered[0])
+
+
+def with_etag(request: Request, key: tuple[object, ...], respond: Callable[[], Response]) -> Response:
+    """304 when the asker holds this version already, else the response with its ETag."""
+    etag = '"' + hashlib.sha256(repr(key).encode()).hexdigest()[:32] + '"'
+    headers = {"ETag": etag, "Cache-Control": "no-cache", "Vary": "Accept, Authorization, Cookie"}
+    known = [each.strip().removeprefix("W/") for each in request.headers.get("if-none-match", "").split(",")]
+    if etag in known:
+        return Response(status_code=304, headers=headers)
+    response = respond()
+    response.headers.update(headers)
+    return response
+
+
+class Parts(Response):
+    """A response of several pieces of memory, each sent as it lies: put together they would be copied."""
+
+    def __init__(self, parts: Sequence[bytes | memoryview], media_type: str) -> None:
+        length = sum(memoryview(part).nbytes for part in parts)
+        super().__init__(headers={"content-length": str(length)}, media_type=media_type)
+        self._parts = parts
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send all parts."""
+        await send({"type": "http.response.start", "status": self.status_code, "headers": self.raw_headers})
+        *before, last = self._parts
+        for part in before:
+            await send({"type": "http.response.body", "body": part, "more_body": True})
+        await send({"type": "http.response.body", "body": last})
+
+
+def encode_sheet(facts: StateFacts, loan: Loan[MapSheet]) -> Response:
+    """The answer to a question about a whole map, in Arrow."""
+    return Parts((loan.value.arrow.head(_state_facts(facts)), loan.memory.data), ARROW)
+
+
+def encode_grid(facts: StateFacts, grid: NDArray[np.float32]) -> Response:
+    """A dense grid of probabilities in npy."""
+    head = io.BytesIO()
+    np.lib.format.write_array_header_1_0(head, np.lib.format.header_data_from_array_1_0(grid))
+    response = Parts((head.getvalue(), grid.reshape(-1).view(np.uint8).data), NPY)
+    response.headers["Tidemap-Revision"] = str(facts.revision)
+    return response
+
+
+def encode_state(view: StateView, media_type: str) -> Response:
+    """The answer to a question for one time, in Arrow or JSON."""
+    if media_type == ARROW:
+        return Response(encode_table(_state_columns(view), _state_facts(view)), media_type=ARROW)
+    columns: dict[str, Any] = {
+        "cell": view.cell,
+        "probability": view.probability,
+        "state": view.state,
+        "verdict": np.array(VERDICTS, object)[view.verdict].tolist(),
+    }
+    if view.observed is not None and view.observed_time is not None:
+        columns["observed"] = nulls(view.observed)
+        columns["observed_time"] = view.observed_time
+    return Response(to_json({**_state_facts(view), **columns}), media_type=JSON)
+
+
+def _state_facts(view: StateFacts) -> dict[str, Any]:
+    return {
+        "time": iso(view.time),
+        "confidence": view.confidence,
+        "estimator": view.estimator,
+        "order": view.order,
+        "revision": view.revision,
+        "shape": list(view.shape),
+        "unavailable": view.unavailable,
+    }
+
+
+def _state_columns(view: StateView) -> dict[str, Any]:
+    columns: dict[str, Any] = {
+        "cell": view.cell.astype(np.uint32),
+        "probability": view.probability,
+        "state": view.state,
+        "verdict": labels(view.verdict, VERDICTS),
+    }
+    if view.observed is not None and view.observed_time is not None:
+        columns["observed"] = nullable(view.observed, view.observed == UNOBSERVED)
+        columns["observed_time"] = nullable(view.observed_time, np.isnan(view.observed_time))
+    return columns
+
+
+def nulls(states: NDArray[np.uint8]) -> Any:
+    """Nested lists of states, None where unknown."""
+    values: NDArray[np.object_] = states.astype(object)
+    values[states == UNOBSERVED] = None
+    return values.tolist()
+
+
+def encode_prediction(view: PredictionView) -> Response:
+    """The answer to a question for many times."""
+    content = {
+        "time": view.time,
+        "cell": view.cell,
+        "confidence": view.confidence,
+        "probability": view.probability,
+        "state": nulls(view.state),
+        "entropy": view.entropy,
+        "revision": view.revision,
+        "unavailable": view.unavailable,
+    }
+    return Response(to_json(content), media_type=JSON)
+
+
+def encode_series(view: SeriesView) -> Response:
+    """One cell over time."""
+    content = {
+        "cell": view.cell,
+        "time": view.time,
+        "probability": view.probability,
+        "state": nulls(view.state),
+        "observed": nulls(view.observed),
+        "revision": view.revision,
+    }
+    return Response(to_json(content), media_type=JSON)

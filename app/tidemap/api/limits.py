@@ -1,0 +1,121 @@
+"""How many requests a key may send, and how many wrong keys an address."""
+
+import math
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass
+from threading import Lock
+
+from tidemap.errors import RateLimitError
+from tidemap.services.keys import Claim
+from tidemap.settings import Settings
+
+MOST_NAMES = 10_000
+BELIEVED_S = 60.0
+"""How long bodies of a sender are read without asking first who it is; nothing is stored before that is confirmed."""
+
+
+class Rate:
+    """Of each name at most `burst` at once, and `per_s` a second for long; 0: any number. May be shared by threads.
+
+    A name is remembered by the time at which it may send a whole burst again (the generic cell rate algorithm), of
+    the `most` that came last.
+    """
+
+    def __init__(
+        self, per_s: float, burst: float, clock: Callable[[], float] = time.monotonic, most: int = MOST_NAMES
+    ) -> None:
+        self._per_s = per_s
+        self._burst = burst
+        self._clock = clock
+        self._most = most
+        self._whole: OrderedDict[str, float] = OrderedDict()
+        self._lock = Lock()
+
+    def check(self, name: str) -> None:
+        """Raises RateLimitError when the name has nothing left."""
+        if self._per_s > 0 and (wait_s := self._wait_s(name)) > 0:
+            raise RateLimitError(math.ceil(wait_s))
+
+    def spend(self, name: str) -> None:
+        """Take one from what the name has left."""
+        with self._lock:
+            now = self._clock()
+            self._whole[name] = max(self._whole.pop(name, now), now) + (1 / self._per_s if self._per_s > 0 else 0)
+            if len(self._whole) > self._most:
+                self._whole.popitem(last=False)
+
+    def take(self, name: str) -> None:
+        """Take one. Raises RateLimitError when the name has nothing left."""
+        self.check(name)
+        self.spend(name)
+
+    def _wait_s(self, name: str) -> float:
+        """Seconds until one is left."""
+        return self._whole.get(name, -math.inf) - self._clock() - (self._burst - 1) / self._per_s
+
+
+class Lately:
+    """The `most` secrets that were right last, of which nothing but a hash is kept. May be shared by threads."""
+
+    def __init__(self, most: int = MOST_NAMES) -> None:
+        self._most = most
+        self._right: OrderedDict[int, None] = OrderedDict()
+        self._lock = Lock()
+
+    def add(self, secret: str) -> None:
+        """This one was right."""
+        with self._lock:
+            self._right[hash(secret)] = None
+            self._right.move_to_end(hash(secret))
+            if len(self._right) > self._most:
+                self._right.popitem(last=False)
+
+    def __contains__(self, secret: str) -> bool:
+        return hash(secret) in self._right
+
+
+class Senders:
+    """Who posted lately, by the hash of their secret: at most `most`, each for BELIEVED_S. For one event loop."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic, most: int = MOST_NAMES) -> None:
+        self._clock = clock
+        self._most = most
+        self._known: OrderedDict[bytes | None, tuple[float, Claim]] = OrderedDict()
+
+    def add(self, claim: Claim) -> None:
+        """This is who it was, just now."""
+        self.forget(claim)
+        self._known[claim.digest] = (self._clock() + BELIEVED_S, claim)
+        if len(self._known) > self._most:
+            self._known.popitem(last=False)
+
+    def get(self, digest: bytes | None) -> Claim | None:
+        """Who it was; that may not be so any more."""
+        until, claim = self._known.get(digest, (-math.inf, None))
+        return claim if self._clock() < until else None
+
+    def forget(self, claim: Claim) -> None:
+        """It is not so any more."""
+        self._known.pop(claim.digest, None)
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """The rates of a server: requests by key, or by address where none is needed; wrong keys by address.
+
+    A key that was right lately is looked up however many wrong ones come from its address: whoever guesses, or goes
+    on sending a revoked key, locks out nobody who works beside.
+    """
+
+    requests: Rate
+    wrong_keys: Rate
+    right_keys: Lately
+
+    @classmethod
+    def of(cls, settings: Settings) -> "Limits":
+        """As the settings have them."""
+        wrong = settings.wrong_keys_per_minute
+        requests = Rate(settings.requests_per_s, settings.requests_burst)
+        return cls(requests, Rate(wrong / 60, max(wrong, 1)), Lately())

@@ -1,0 +1,136 @@
+"""The API as one ASGI application."""
+
+import os
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from http import HTTPStatus
+from typing import Any
+
+from fastapi import FastAPI
+
+from tidemap import __version__
+from tidemap.api import errors, live
+from tidemap.api.budget import Budget
+from tidemap.api.limits import Limits, Senders
+from tidemap.api.metrics import RequestMetrics, count_refused, make_registry
+from tidemap.api.routers import anomalies, health, jobs, keys, locations, maps, observations
+from tidemap.schemas.common import Problem
+from tidemap.schemas.observations import GridObservations, StateObservations
+from tidemap.services.context import Context
+
+BASE = "/api/v1"
+ROUTERS = tuple(each.router for each in (locations, observations, maps, anomalies, jobs, keys))
+_REASONS = {
+    400: "The body cannot be read.",
+    401: "A key is needed.",
+    403: "The key's role does not allow this.",
+    404: "Unknown location, cell, job, anomaly or key.",
+    409: "Conflict: the name is taken, the idempotency key was used, or there is no revision yet (`no-model`).",
+    413: "The unpacked body is too large.",
+    415: "The media type is not read here.",
+    422: "Readable but wrong; `errors` names the fields and the mend.",
+    429: "Too many requests; try again after `Retry-After` seconds.",
+    500: "What is asked for is stored, and damaged (`corrupt-chunk`); the server's log says more.",
+    503: "Shutting down or busy; try again after `Retry-After` seconds.",
+}
+_KINDS = {
+    400: "unreadable-body",
+    401: "unauthorized",
+    403: "forbidden",
+    404: "location-not-found",
+    409: "name-taken",
+    413: "body-too-large",
+    415: "unsupported-media-type",
+    422: "invalid-input",
+    429: "rate-limit",
+    500: "corrupt-chunk",
+    503: "queue-full",
+}
+_SUMMARY = "A map service for robots that live in one place for months."
+_DESCRIPTION = (
+    "Post what robots saw; ask for the state of every cell at any time, past or future, with a confidence; be told "
+    "what is abnormal. Times in: Unix seconds or ISO 8601 with a zone. Lengths in metres. Unknown fields and unknown "
+    "query parameters are errors. Errors are problem documents (RFC 9457)."
+)
+
+
+def create_app(
+    ctx: Context,
+    alive: Mapping[str, Callable[[], bool]] | None = None,
+    on_duty: Callable[[], bool] = lambda: False,
+) -> FastAPI:
+    """The API over a context; `alive` tells /readyz of what runs in the background, `on_duty` whether here."""
+    app = FastAPI(
+        title="Tidemap",
+        summary=_SUMMARY,
+        description=_DESCRIPTION,
+        version=__version__,
+        openapi_url=f"{BASE}/openapi.json",
+        docs_url=None,
+        redoc_url=None,
+        license_info={"name": "BSD-3-Clause", "identifier": "BSD-3-Clause"},
+    )
+    app.state.ctx = ctx
+    app.state.alive = alive or {}
+    app.state.budget = Budget(ctx.settings.max_parsing_bytes)
+    # Posts that are parsed and judged at once: more threads than processors would only take turns.
+    app.state.parsing = ThreadPoolExecutor(os.cpu_count() or 1, "tidemap-posts")
+    app.state.limits = Limits.of(ctx.settings)
+    app.state.senders = Senders()
+    app.state.metrics = make_registry(ctx, on_duty)
+    app.state.refused = count_refused(app.state.metrics)
+    app.add_middleware(RequestMetrics, registry=app.state.metrics)
+    errors.install(app)
+    for router in ROUTERS:
+        app.include_router(router, prefix=BASE, responses=_problems())
+    app.include_router(live.router, prefix=BASE)
+    app.include_router(health.router)
+    _document_bodies(app)
+    return app
+
+
+_HEADERS = {401: "WWW-Authenticate", 429: "Retry-After", 503: "Retry-After"}
+
+
+def _problems() -> dict[int | str, dict[str, Any]]:
+    return {status: _problem(status, reason) for status, reason in _REASONS.items()}
+
+
+def _problem(status: int, reason: str) -> dict[str, Any]:
+    example: dict[str, Any] = {
+        "type": f"urn:tidemap:problem:{_KINDS[status]}",
+        "title": HTTPStatus(status).phrase,
+        "status": status,
+        "detail": reason,
+        "instance": f"{BASE}/locations/office-door",
+    }
+    if status == HTTPStatus.UNPROCESSABLE_ENTITY:
+        example["errors"] = [{"field": "time[3]", "message": "NaN and infinity are no times; give Unix seconds"}]
+    schema = {"$ref": "#/components/schemas/Problem"}
+    answer: dict[str, Any] = {
+        "description": reason,
+        "content": {errors.MEDIA_TYPE: {"schema": schema, "example": example}},
+    }
+    if status in _HEADERS:
+        answer["headers"] = {_HEADERS[status]: {"schema": {"type": "string"}}}
+    return answer
+
+
+def _document_bodies(app: FastAPI) -> None:
+    """Add to the OpenAPI document the forms that routes parse by themselves, and the key."""
+    generate = app.openapi
+
+    def complete() -> dict[str, Any]:
+        if app.openapi_schema is None:
+            document = generate()
+            parts = document.setdefault("components", {})
+            schemas = parts.setdefault("schemas", {})
+            for form in (StateObservations, GridObservations, Problem):
+                schema = form.model_json_schema(ref_template="#/components/schemas/{model}")
+                schemas.update(schema.pop("$defs", {}))
+                schemas[form.__name__] = schema
+            parts["securitySchemes"] = {"key": {"type": "http", "scheme": "bearer", "bearerFormat": "tm_…"}}
+            document["security"] = [{"key": []}, {}]
+        return app.openapi_schema or {}
+
+    app.openapi = complete  # type: ignore[method-assign]

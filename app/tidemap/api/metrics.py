@@ -1,0 +1,83 @@
+"""Metrics: requests by route and status, the commit queue, observations and anomalies."""
+
+import time
+from collections.abc import Callable, Iterable
+from http import HTTPMethod
+
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
+from prometheus_client.core import GaugeMetricFamily
+from prometheus_client.registry import Collector
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from tidemap.events.messages import Message as Event
+from tidemap.services.context import Context
+
+METHODS = frozenset(HTTPMethod)
+"""Methods that get a label of their own; a sender may invent as many others as it likes."""
+
+
+class ContextCollector(Collector):
+    """The commit queue and what is known to be damaged, read when asked for."""
+
+    def __init__(self, ctx: Context) -> None:
+        self._ctx = ctx
+
+    def collect(self) -> Iterable[GaugeMetricFamily]:
+        """Gauges."""
+        yield GaugeMetricFamily("tidemap_commit_queue", "Writes that wait for the writer.", self._ctx.store.waiting())
+        yield GaugeMetricFamily("tidemap_damaged_blobs", "Stored blobs found corrupt.", self._ctx.damage.count())
+
+
+def make_registry(ctx: Context, on_duty: Callable[[], bool] = lambda: False) -> CollectorRegistry:
+    """A registry fed by the bus; `on_duty` says whether this process does the background work."""
+    registry = CollectorRegistry()
+    registry.register(ContextCollector(ctx))
+    duty = Gauge("tidemap_background", "1 where the background work of the database is done.", registry=registry)
+    duty.set_function(on_duty)
+    measurements = Counter("tidemap_measurements", "Measurements stored.", registry=registry)
+    events = Counter("tidemap_events", "Messages by kind.", ["kind"], registry=registry)
+
+    def listen(event: Event) -> None:
+        events.labels(event.kind).inc()
+        if event.kind == "observation":
+            measurements.inc(event.data["measurements"])
+
+    ctx.bus.subscribe(listen)
+    return registry
+
+
+def count_refused(registry: CollectorRegistry) -> Counter:
+    """A counter of requests that were refused for now, by the kind of the problem."""
+    return Counter("tidemap_refused", "Requests refused for now (429, 503) by problem.", ["problem"], registry=registry)
+
+
+class RequestMetrics:
+    """ASGI middleware: duration by route, method and status."""
+
+    def __init__(self, app: ASGIApp, registry: CollectorRegistry) -> None:
+        self._app = app
+        self._duration = Histogram(
+            "tidemap_request_seconds",
+            "Time from the request's head to the end of the answer.",
+            ["method", "route", "status"],
+            registry=registry,
+        )
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        started, status = time.perf_counter(), 500
+
+        async def watch(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+            await send(message)
+
+        try:
+            await self._app(scope, receive, watch)
+        finally:
+            route = getattr(scope.get("route"), "path", "other")
+            method = scope["method"] if scope["method"] in METHODS else "other"
+            self._duration.labels(method, route, str(status)).observe(time.perf_counter() - started)

@@ -1,0 +1,83 @@
+"""/anomalies and /locations/{name}/anomalies"""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Request
+from starlette.responses import Response
+
+from tidemap.api.bodies import FormRoute
+from tidemap.api.dependencies import After, Ctx, Id, Limit, Operator, TimeQuery, cursor, query_time
+from tidemap.api.encoding import JSON, to_json, with_etag
+from tidemap.schemas.anomalies import AcknowledgeForm, DetectForm, Event, Events
+from tidemap.schemas.common import Page
+from tidemap.services.anomalies import DetectQuery, EventQuery, acknowledge, detect, get_event, list_events
+from tidemap.services.context import Context
+from tidemap.services.listing import shortened
+
+router = APIRouter(tags=["anomalies"], route_class=FormRoute)
+Surprise = Annotated[float | None, Query(ge=0, le=1)]
+Acknowledged = Annotated[bool | None, Query()]
+
+
+@router.get("/anomalies", responses={200: {"model": Page[Event]}, 304: {}}, response_class=Response)
+def list_everywhere(
+    request: Request,
+    ctx: Ctx,
+    _: Operator,
+    after: After = None,
+    limit: Limit = 100,
+    start: TimeQuery = None,
+    stop: TimeQuery = None,
+    min_surprise: Surprise = None,
+    acknowledged: Acknowledged = None,
+) -> Response:
+    """Events of all locations, oldest first; pass the last id you have seen as `after` to get newer ones only."""
+    times = query_time("start", start), query_time("stop", stop)
+    query = EventQuery(None, cursor("after", after), limit + 1, *times, min_surprise, acknowledged)
+    return _page(request, ctx, query, limit)
+
+
+@router.get("/locations/{name}/anomalies", responses={200: {"model": Page[Event]}, 304: {}}, response_class=Response)
+def list_here(
+    name: str,
+    request: Request,
+    ctx: Ctx,
+    _: Operator,
+    after: After = None,
+    limit: Limit = 100,
+    start: TimeQuery = None,
+    stop: TimeQuery = None,
+    min_surprise: Surprise = None,
+    acknowledged: Acknowledged = None,
+) -> Response:
+    """Events of one location, oldest first."""
+    times = query_time("start", start), query_time("stop", stop)
+    query = EventQuery(name, cursor("after", after), limit + 1, *times, min_surprise, acknowledged)
+    return _page(request, ctx, query, limit)
+
+
+def _page(request: Request, ctx: Context, query: EventQuery, limit: int) -> Response:
+    events = list_events(ctx, query)
+    following = str(events[limit - 1].id) if len(events) > limit else None
+    items = [shortened(event) for event in events[:limit]]
+    content = to_json(Page(items=items, next=following).model_dump(mode="json"))
+    return with_etag(request, (content,), lambda: Response(content, media_type=JSON))
+
+
+@router.post("/locations/{name}/anomalies/detect")
+def search(name: str, form: DetectForm, ctx: Ctx, _: Operator) -> Events:
+    """The events of the history by this rule and confidence; nothing is stored."""
+    events, revision = detect(ctx, name, DetectQuery(**form.model_dump()))
+    return Events(items=events, revision=revision)
+
+
+@router.get("/anomalies/{anomaly_id}")
+def get(anomaly_id: Id, ctx: Ctx, _: Operator) -> Event:
+    """One event with all of its cells."""
+    return get_event(ctx, anomaly_id)
+
+
+@router.post("/anomalies/{anomaly_id}/acknowledge")
+def acknowledge_event(anomaly_id: Id, ctx: Ctx, principal: Operator, form: AcknowledgeForm | None = None) -> Event:
+    """An operator has seen this event."""
+    return acknowledge(ctx, anomaly_id, principal.name, form.note if form else None)

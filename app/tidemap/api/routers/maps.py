@@ -1,0 +1,131 @@
+"""Questions: state, predict, series, model, evaluate."""
+
+from functools import partial
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query, Request
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import Response
+
+from tidemap.api.auth import confirming
+from tidemap.api.bodies import FormRoute
+from tidemap.api.dependencies import Asker, Ctx, Operator, TimeQuery, query_time
+from tidemap.api.encoding import (
+    JSON,
+    NPY,
+    encode_grid,
+    encode_prediction,
+    encode_series,
+    encode_sheet,
+    encode_state,
+    preferred,
+    with_etag,
+)
+from tidemap.errors import InvalidInputError
+from tidemap.formats.arrow import ARROW
+from tidemap.schemas import maps
+from tidemap.schemas.locations import Confidence, EstimatorName
+from tidemap.services.context import Context
+from tidemap.services.evaluate import evaluate
+from tidemap.services.model import model_of
+from tidemap.services.predict import (
+    Asked,
+    PredictQuery,
+    StateFacts,
+    StateQuery,
+    ask,
+    grid_of,
+    predict_at,
+    sheet_of,
+    view_of,
+)
+from tidemap.services.series import series
+
+router = APIRouter(prefix="/locations/{name}", tags=["maps"], route_class=FormRoute)
+Order = Annotated[int | None, Query(ge=0, le=64, description="Default: the revision's.")]
+Cell = Annotated[int, Query(description="Linear index in C order of the shape.")]
+
+
+def _answers(model: Any, *binary: str) -> dict[int | str, dict[str, Any]]:
+    content = {media_type: {"schema": {"type": "string", "format": "binary"}} for media_type in binary}
+    return {200: {"model": model, "content": content}}
+
+
+@router.get("/state", responses={**_answers(maps.State, ARROW, NPY), 304: {}}, response_class=Response)
+async def state(
+    name: str,
+    request: Request,
+    ctx: Ctx,
+    asker: Asker,
+    time: TimeQuery = None,
+    confidence: Annotated[Confidence | None, Query()] = None,
+    order: Order = None,
+    estimator: EstimatorName | None = None,
+    bbox: Annotated[str | None, Query(description="x0,y0,z0,x1,y1,z1 in metres.")] = None,
+    observed: Annotated[bool, Query(description="Add what was last seen at that time.")] = False,
+) -> Response:
+    """The state at a time, past or future, with a confidence; by default now."""
+    seconds = query_time("time", time)
+    query = StateQuery(ctx.clock() if seconds is None else seconds, confidence, order, estimator, _box(bbox), observed)
+    answer = run_in_threadpool(lambda: _answer(request, ctx, ask(ctx, name, query, asker.claim)))
+    return await confirming(request, asker, answer)
+
+
+def _answer(request: Request, ctx: Context, asked: Asked) -> Response:
+    media_type, facts = preferred(request, (JSON, ARROW, NPY)), asked.facts()
+    encode = partial(_encode, ctx, asked, facts, media_type)
+    if asked.query.observed:
+        return encode()
+    key = (facts.location_id, facts.revision, asked.query, media_type, facts.confidence, facts.unavailable)
+    return with_etag(request, key, encode)
+
+
+def _encode(ctx: Context, asked: Asked, facts: StateFacts, media_type: str) -> Response:
+    if media_type == NPY:
+        return encode_grid(facts, grid_of(ctx, asked))
+    loan = sheet_of(ctx, asked) if media_type == ARROW else None
+    return encode_state(view_of(ctx, asked), media_type) if loan is None else encode_sheet(facts, loan)
+
+
+def _box(text: str | None) -> tuple[float, ...] | None:
+    if text is None:
+        return None
+    try:
+        box = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        box = ()
+    if len(box) != 6 or not all(abs(value) < 1e12 for value in box):
+        raise InvalidInputError.at("bbox", "give six numbers in metres: x0,y0,z0,x1,y1,z1")
+    return box
+
+
+@router.post("/predict", responses=_answers(maps.Prediction), response_class=Response)
+def predict(name: str, form: maps.PredictForm, ctx: Ctx, _: Operator) -> Response:
+    """Probability, state and entropy for many times."""
+    return encode_prediction(predict_at(ctx, name, PredictQuery(**form.model_dump())))
+
+
+@router.get("/series", responses=_answers(maps.Series), response_class=Response)
+def series_of(
+    name: str,
+    ctx: Ctx,
+    _: Operator,
+    cell: Cell = 0,
+    start: TimeQuery = None,
+    stop: TimeQuery = None,
+    step: Annotated[float | None, Query(gt=0, description="Seconds; default: interval_s.")] = None,
+) -> Response:
+    """One cell over [start, stop): what was predicted and what was observed."""
+    return encode_series(series(ctx, name, cell, query_time("start", start), query_time("stop", stop), step))
+
+
+@router.get("/model")
+def model(name: str, ctx: Ctx, _: Operator, cell: Cell = 0, order: Order = None) -> maps.Model:
+    """The spectrum and the outliers of one cell; `order` recomputes without storing."""
+    return model_of(ctx, name, cell, order)
+
+
+@router.post("/evaluate")
+def evaluation(name: str, form: maps.EvaluateForm, ctx: Ctx, _: Operator) -> maps.Evaluation:
+    """Score estimators and orders against the history or the measurements given."""
+    return evaluate(ctx, name, form)

@@ -1,0 +1,119 @@
+"""/locations/{name}/observations"""
+
+import asyncio
+from contextlib import suppress
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Header, Query, Request, Response
+
+from tidemap.api.auth import confirming
+from tidemap.api.dependencies import Robot, posted_body
+from tidemap.api.parameters import StrictRoute
+from tidemap.ingest.observation import ARROW, JSON, NPY
+from tidemap.schemas.common import Text
+from tidemap.schemas.observations import Accepted, GridObservations, StateObservations
+from tidemap.services.context import Context
+from tidemap.services.keys import Principal
+from tidemap.services.listing import most_surprising
+from tidemap.services.observe import NotQuickError, begin, begin_quick, is_quick
+from tidemap.services.posts import Observed, Post
+
+router = APIRouter(prefix="/locations/{name}/observations", tags=["observations"], route_class=StrictRoute)
+
+_BODY: dict[str, Any] = {
+    "requestBody": {
+        "required": True,
+        "description": "Columns of measurements. May be gzip- or zstd-encoded (Content-Encoding), "
+        "zstd with a window of 8 MB at most.",
+        "content": {
+            "application/json": {
+                "schema": {
+                    "anyOf": [
+                        {"$ref": f"#/components/schemas/{form.__name__}"}
+                        for form in (StateObservations, GridObservations)
+                    ]
+                },
+                "examples": {
+                    "state": {
+                        "summary": "kind state",
+                        "value": {"time": [1772355600, "2026-03-01T09:01:00Z"], "state": [0, 1]},
+                    },
+                    "grid": {
+                        "summary": "grids",
+                        "value": {
+                            "observations": [{"time": 1772355600, "occupied": [17, [3, 4, 0]], "free": [18, 19]}]
+                        },
+                    },
+                },
+            },
+            ARROW: {
+                "schema": {
+                    "type": "string",
+                    "format": "binary",
+                    "description": "An Arrow IPC stream with columns time (float64 Unix seconds, or timestamp with a "
+                    "zone), cell (uint32; not for kind state) and state (uint8 or bool).",
+                }
+            },
+            NPY: {
+                "schema": {
+                    "type": "string",
+                    "format": "binary",
+                    "description": "What numpy.save writes of a structured array, one row a measurement, with fields "
+                    "time (float64 Unix seconds), cell (uint32; not for kind state) and state (uint8 or bool): "
+                    "numpy.zeros(n, [('time', 'f8'), ('cell', 'u4'), ('state', 'u1')]). Or, with `?time=`, of a whole "
+                    "grid at that time: uint8, int8 or bool of the location's shape, or flat (n_cells,) in C order, "
+                    "with 0 free, 1 occupied, 255 or -1 not seen.",
+                }
+            },
+        },
+    }
+}
+
+
+@router.post("", status_code=201, openapi_extra=_BODY, response_model=Accepted, responses={200: {"model": Accepted}})
+async def post(
+    name: str,
+    robot: Robot,
+    request: Request,
+    source: Annotated[Text | None, Query(max_length=128, description="The robot's name.")] = None,
+    time: Annotated[
+        str | None, Query(description="When a grid (npy) was seen; required for it, and for it alone.")
+    ] = None,
+    idempotency_key: Annotated[str | None, Header(alias="Idempotency-Key", min_length=1, max_length=255)] = None,
+) -> Response:
+    """Post measurements; answered after their durable commit.
+
+    The same Idempotency-Key with the same body again is answered 200 with `duplicate` true; nothing is stored twice.
+    """
+    with request.app.state.budget.share() as share:
+        body = await posted_body(request, time, share)
+        sent = Post(body, source or _name(robot.principal), idempotency_key, robot.claim)
+        result = await confirming(request, robot, _stored(request, name, sent))
+    return Response(_answer(result).model_dump_json(), 200 if result.duplicate else 201, media_type=JSON)
+
+
+def _answer(result: Observed) -> Accepted:
+    return Accepted(
+        accepted=result.accepted,
+        duplicate=result.duplicate,
+        first_time=result.first_time,
+        last_time=result.last_time,
+        anomalies=most_surprising(result.anomalies),
+        anomalies_total=len(result.anomalies),
+        revision=result.revision,
+    )
+
+
+async def _stored(request: Request, name: str, sent: Post) -> Observed:
+    """What becomes of a post. What takes long is done in threads that take it to its end one after the other."""
+    ctx: Context = request.app.state.ctx
+    if is_quick(ctx, name, sent):
+        with suppress(NotQuickError):
+            return await asyncio.wrap_future(begin_quick(ctx, name, sent))
+    begun = request.app.state.parsing.submit(begin, ctx, name, sent)
+    return await asyncio.wrap_future(await asyncio.wrap_future(begun))
+
+
+def _name(robot: Principal) -> str | None:
+    """A robot that does not say its name goes by its key's."""
+    return None if robot.key_id is None else robot.name

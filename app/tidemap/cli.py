@@ -1,0 +1,283 @@
+"""The command `tidemap`."""
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from tidemap import __version__, log
+from tidemap.errors import DatabaseUnusableError, SchemaVersionError, TidemapError
+from tidemap.settings import Settings
+
+Command = Callable[[argparse.Namespace], int]
+DONE, FAILED, WRONG_USAGE = 0, 1, 2
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command; the exit status is 0 done, 1 failed, 2 wrong usage."""
+    arguments = parser().parse_args(argv)
+    command: Command = arguments.command
+    try:
+        return command(arguments)
+    except ValidationError as error:
+        return _failed(_explain(error))
+    except (TidemapError, OSError) as error:
+        return _failed(str(error))
+    except KeyboardInterrupt:
+        return FAILED
+
+
+def _failed(message: str) -> int:
+    print(f"tidemap: {message}", file=sys.stderr)
+    return FAILED
+
+
+def _explain(error: ValidationError) -> str:
+    places = (
+        f"TIDEMAP_{str(each['loc'][0]).upper()}: {each['msg'].removeprefix('Value error, ')}" for each in error.errors()
+    )
+    return "a setting is wrong. " + "; ".join(places)
+
+
+def parser() -> argparse.ArgumentParser:
+    """All commands with their options."""
+    whole = argparse.ArgumentParser(prog="tidemap", description="A map service for robots.")
+    whole.add_argument("--version", action="version", version=f"tidemap {__version__}")
+    commands = whole.add_subparsers(required=True, metavar="COMMAND")
+    _add_serve(commands)
+    _add_demo(commands)
+    migrate = commands.add_parser("migrate", help="bring the database to this version's schema")
+    _add_database(migrate)
+    migrate.set_defaults(command=_migrate)
+    _add_backup(commands)
+    _add_verify(commands)
+    _add_keys(commands)
+    return whole
+
+
+def _add_serve(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    serve = commands.add_parser("serve", help="run everything: API, pages, viewer, updater")
+    _add_database(serve)
+    serve.add_argument("--host", help="address to listen on (default 127.0.0.1)")
+    serve.add_argument("--port", type=int, help="port to listen on (default 8000; 0: any free one)")
+    serve.add_argument("--open", action="store_true", default=None, help="listen beyond loopback without keys")
+    serve.add_argument("--demo", action="store_true", help="fill in the demo building and keep its robot running")
+    serve.set_defaults(command=_serve)
+
+
+def _add_demo(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    demo = commands.add_parser("demo", help="seed the simulated building through the API and keep its robot running")
+    demo.add_argument("--url", default="http://127.0.0.1:8000", help="the server (default %(default)s)")
+    demo.add_argument("--key", default=os.environ.get("TIDEMAP_KEY"), help="an admin's key (default: TIDEMAP_KEY)")
+    demo.add_argument("--no-live", action="store_true", help="end when the three weeks are posted")
+    demo.set_defaults(command=_demo)
+
+
+def _add_backup(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    backup = commands.add_parser(
+        "backup",
+        help="copy the embedded database to a file, also while a server is running",
+        description="Copies the embedded database as it is at this moment, also while a server is running on it. "
+        "For PostgreSQL it prints the pg_dump command to use.",
+    )
+    backup.add_argument("file", type=Path, metavar="FILE", help="where the copy goes")
+    backup.add_argument("--overwrite", action="store_true", help="replace FILE if it is there")
+    _add_database(backup)
+    backup.set_defaults(command=_backup)
+
+
+def _add_verify(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    verify = commands.add_parser(
+        "verify",
+        help="check everything stored: every blob, and the history against the log",
+        description="Checks everything stored, also beside a running server, and changes nothing. "
+        "Exit status: 0 nothing wrong, 1 something wrong, 2 the database cannot be opened.",
+    )
+    _add_database(verify)
+    verify.add_argument("--json", action="store_true", help="print one JSON object instead of a line a finding")
+    verify.set_defaults(command=_verify)
+
+
+def _add_keys(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    keys = commands.add_parser("keys", help="make, list and revoke API keys")
+    actions = keys.add_subparsers(required=True, metavar="ACTION")
+    create = actions.add_parser("create", help="make a key; its secret is shown this once")
+    create.add_argument("--role", required=True, choices=("robot", "operator", "admin"))
+    create.add_argument("--name", help="whose key it is (default: the role)")
+    create.set_defaults(command=_create_key)
+    listing = actions.add_parser("list", help="list the keys")
+    listing.set_defaults(command=_list_keys)
+    revoke = actions.add_parser("revoke", help="revoke a key")
+    revoke.add_argument("id", type=int)
+    revoke.set_defaults(command=_revoke_key)
+    for each in (create, listing, revoke):
+        _add_database(each)
+        each.add_argument("--json", action="store_true", help="print JSON")
+
+
+def _add_database(command: argparse.ArgumentParser) -> None:
+    where = command.add_mutually_exclusive_group()
+    where.add_argument("--data", type=Path, help="folder of the embedded database (default ./data)")
+    where.add_argument("--database-url", help="postgresql+psycopg://… instead of the embedded database")
+
+
+@contextmanager
+def _progress(what: str, unit: str) -> Iterator[Callable[[int, int], None]]:
+    """Shows how much of how much is done: a bar on a terminal, nothing elsewhere."""
+    from tqdm import tqdm
+
+    with tqdm(desc=what, unit=f" {unit}", file=sys.stderr, disable=None) as bar:
+
+        def show(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        yield show
+
+
+def _settings(arguments: argparse.Namespace) -> Settings:
+    names = Settings.model_fields.keys() & vars(arguments).keys()
+    given = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
+    settings = Settings(**given)
+    log.configure(settings.log_level)
+    return settings
+
+
+def _migrate(arguments: argparse.Namespace) -> int:
+    from tidemap.storage.store import migrate_database
+
+    settings = _settings(arguments)
+    migrate_database(settings.url)
+    print("The database is up to date.")
+    return DONE
+
+
+def _backup(arguments: argparse.Namespace) -> int:
+    from tidemap.storage.backup import back_up, dump_command
+
+    settings, file = _settings(arguments), arguments.file
+    if (dump := dump_command(settings.url, file)) is not None:
+        _failed(f"PostgreSQL is backed up with its own program (set PGPASSWORD if it asks for one):\n{dump}")
+        return WRONG_USAGE
+    if file.exists() and not arguments.overwrite:
+        return _failed(f"{file} is there already; choose another name, or say --overwrite.")
+    with _progress("Copying", "pages") as show:
+        back_up(settings.url, file, show)
+    print(f"{file}: {file.stat().st_size:,} bytes")
+    return DONE
+
+
+def _verify(arguments: argparse.Namespace) -> int:
+    from tqdm import tqdm
+
+    from tidemap.services.verify import Finding, verify
+
+    findings: list[Finding] = []
+
+    def tell(finding: Finding) -> None:
+        findings.append(finding)
+        if not arguments.json:
+            tqdm.write(str(finding))
+
+    try:
+        with _progress("Verifying", "locations") as show:
+            tally = verify(_settings(arguments).url, tell, show)
+    except (DatabaseUnusableError, SchemaVersionError) as error:
+        _failed(str(error))
+        return WRONG_USAGE
+    if arguments.json:
+        print(json.dumps({**asdict(tally), "findings": [asdict(finding) for finding in findings]}))
+    else:
+        looked_at = f"{tally.locations:,} locations, {tally.blobs:,} blobs, {tally.observations:,} observations"
+        print(f"{looked_at}: {f'{len(findings):,} wrong' if findings else 'nothing wrong'}")
+    return FAILED if findings else DONE
+
+
+def _serve(arguments: argparse.Namespace) -> int:
+    from tidemap.services.context import open_context
+    from tidemap.services.keys import list_keys
+    from tidemap.storage.store import prepare_database
+    from tidemap_web.memory import give_back_freed
+    from tidemap_web.serve import Options, serve
+
+    settings = _settings(arguments)
+    # Before there are threads: each would have a heap of its own.
+    give_back_freed()
+    prepare_database(settings.url)
+    with open_context(settings) as ctx:
+        if not settings.keyless and not list_keys(ctx):
+            return _failed(
+                f"no key exists, so this server listens on loopback only, not on {settings.host}. Make one with "
+                "'tidemap keys create --role admin', or say --open if a gateway before it checks who asks."
+            )
+        return serve(ctx, Options(demo=arguments.demo))
+
+
+def _demo(arguments: argparse.Namespace) -> int:
+    from threading import Event
+
+    from tidemap.client import Client
+    from tidemap.client import TidemapError as ServerError
+    from tidemap.demo import live
+    from tidemap.demo.seed import seed
+
+    log.configure("info")
+    try:
+        with Client(arguments.url, key=arguments.key) as client:
+            seed(client)
+            if not arguments.no_live:
+                live.run(client, Event())
+    except ServerError as error:
+        return _failed(str(error))
+    return DONE
+
+
+def _create_key(arguments: argparse.Namespace) -> int:
+    from tidemap.services.context import open_context
+    from tidemap.services.keys import create_key
+    from tidemap.storage.store import prepare_database
+
+    settings = _settings(arguments)
+    prepare_database(settings.url)
+    with open_context(settings) as ctx:
+        key = create_key(ctx, arguments.name or arguments.role, arguments.role)
+    if arguments.json:
+        print(key.model_dump_json())
+    else:
+        print(key.key)
+        print(f"Key {key.id} ({key.name}, {key.role}). This secret is shown this once.", file=sys.stderr)
+    return DONE
+
+
+def _list_keys(arguments: argparse.Namespace) -> int:
+    from tidemap.services.context import open_context
+    from tidemap.services.keys import list_keys
+
+    with open_context(_settings(arguments)) as ctx:
+        keys = list_keys(ctx)
+    if arguments.json:
+        print(json.dumps([key.model_dump(mode="json") for key in keys]))
+        return DONE
+    for key in keys:
+        print(f"{key.id}\t{key.role}\t{key.prefix}…\t{key.name}")
+    return DONE
+
+
+def _revoke_key(arguments: argparse.Namespace) -> int:
+    from tidemap.services.context import open_context
+    from tidemap.services.keys import delete_key
+
+    with open_context(_settings(arguments)) as ctx:
+        delete_key(ctx, arguments.id)
+    print(json.dumps({"revoked": arguments.id}) if arguments.json else f"Key {arguments.id} is revoked.")
+    return DONE
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,153 @@
+"""Operations on the server as a whole: locations, anomalies, jobs and keys."""
+
+from collections.abc import Mapping
+from typing import Any, Generic, TypeAlias, TypeVar
+
+from tidemap.client.operation import Resource, operation, paged
+from tidemap.client.plans import F, Listing, Plan, Request, ask
+from tidemap.client.requests import given, post
+from tidemap.client.times import TimeLike
+from tidemap.schemas.anomalies import Event
+from tidemap.schemas.common import Page
+from tidemap.schemas.jobs import Job
+from tidemap.schemas.keys import Key, NewKey, Role
+from tidemap.schemas.locations import EstimatorChoice, Grid, Kind, Location, Missing, OrderChoice
+
+Handle = TypeVar("Handle")
+Items: TypeAlias = list[F]
+
+
+class AnomalyOperations(Resource):
+    """What the server as a whole and each location have."""
+
+    @paged
+    def anomalies(
+        self,
+        *,
+        after: str | int | None = None,
+        start: TimeLike | None = None,
+        stop: TimeLike | None = None,
+        min_surprise: float | None = None,
+        acknowledged: bool | None = None,
+        limit: int | None = None,
+    ) -> Listing[Event]:
+        """Stored anomalies, oldest first, over all pages of `limit`; `after` resumes behind an event's id."""
+        query = given(
+            after=after,
+            start=start,
+            stop=stop,
+            min_surprise=min_surprise,
+            acknowledged=acknowledged,
+            limit=limit,
+        )
+        return Listing(Page[Event], f"{self.path}/anomalies", query)
+
+
+class ClientOperations(AnomalyOperations, Generic[Handle]):
+    """Operations of a client whose locations are handled by `Handle`."""
+
+    def location(self, name: str) -> Handle:
+        """A handle of the location `name`, which need not exist yet; asks nothing of the server."""
+        raise NotImplementedError
+
+    @operation
+    def create_location(
+        self,
+        name: str,
+        *,
+        interval_s: float,
+        kind: Kind = "state",
+        time_zone: str = "UTC",
+        epoch: TimeLike | None = None,
+        grid: Grid | Mapping[str, Any] | None = None,
+        estimator: EstimatorChoice | None = None,
+        order: OrderChoice | None = None,
+        confidence: float | None = None,
+        missing: Missing | None = None,
+        hold_s: float | None = None,
+        retention: float | None = None,
+        min_cells: int | None = None,
+    ) -> Plan[Handle]:
+        """Make a location and return its handle; what is left out is the server's default.
+
+        `interval_s` is the length of a sample in seconds, `time_zone` an IANA name, `grid` the cells of the
+        kinds grid2d and grid3d: frame, origin (metres), resolution_m and shape.
+        """
+        form = given(
+            name=name,
+            kind=kind,
+            interval_s=interval_s,
+            time_zone=time_zone,
+            epoch=epoch,
+            grid=grid.model_dump() if isinstance(grid, Grid) else grid,
+            estimator=estimator,
+            order=order,
+            confidence=confidence,
+            missing=missing,
+            hold_s=hold_s,
+            retention=retention,
+            min_cells=min_cells,
+        )
+        location = yield from ask(Location, post(f"{self.path}/locations", form, repeatable=False))
+        return self.location(location.name)
+
+    @operation
+    def locations(self) -> Plan[list[Location]]:
+        """All locations with what is known of them."""
+        return Listing(Page[Location], f"{self.path}/locations", {}).everything()
+
+    @operation
+    def anomaly(self, anomaly_id: int) -> Plan[Event]:
+        """A stored anomaly with all of its cells; lists have the first 10,000."""
+        return ask(Event, Request("GET", f"{self.path}/anomalies/{anomaly_id}"))
+
+    @operation
+    def acknowledge(self, anomaly_id: int, note: str | None = None) -> Plan[Event]:
+        """Say that an operator has seen an anomaly."""
+        return (yield from ask(Event, post(f"{self.path}/anomalies/{anomaly_id}/acknowledge", given(note=note))))
+
+
+class Entries(Resource, Generic[F]):
+    """Numbered things of the server."""
+
+    page: type[Page[F]]
+
+    @operation
+    def list(self) -> Plan[Items[F]]:
+        """All of them."""
+        return Listing(self.page, self.path, {}).everything()
+
+    def _remove(self, number: int) -> Plan[None]:
+        yield Request("DELETE", f"{self.path}/{number}", repeatable=False)
+
+
+class JobOperations(Entries[Job]):
+    """Long work at the server."""
+
+    page = Page[Job]
+
+    @operation
+    def get(self, job_id: int) -> Plan[Job]:
+        """The job with this id."""
+        return ask(Job, Request("GET", f"{self.path}/{job_id}"))
+
+    @operation
+    def cancel(self, job_id: int) -> Plan[None]:
+        """Cancel a job that is still queued."""
+        return self._remove(job_id)
+
+
+class KeyOperations(Entries[Key]):
+    """Who may do what (role admin)."""
+
+    page = Page[Key]
+
+    @operation
+    def create(self, name: str, role: Role) -> Plan[NewKey]:
+        """A new key with its secret, which is told this once only."""
+        return ask(NewKey, post(self.path, {"name": name, "role": role}, repeatable=False))
+
+    @operation
+    def delete(self, key_id: int) -> Plan[None]:
+        """Take a key out of use."""
+        return self._remove(key_id)

@@ -1,0 +1,160 @@
+"""Measurements as bytes: batches of columns, each an Arrow IPC stream, or JSON where cells are rows of indices."""
+
+import io
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from tidemap.client.times import TimesLike, unix_array
+
+ARROW = "application/vnd.apache.arrow.stream"
+NPY = "application/x-npy"
+MEASUREMENTS_PER_POST = 200_000
+"""2.6 MB a post: small enough to try again, large enough that the request itself costs nothing."""
+
+Numbers: TypeAlias = Sequence[int] | Sequence[Sequence[int]] | NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measurements:
+    """time (n,) float64 Unix seconds, ascending; state (n,) uint8; cell (n,) uint32 or None (`state`)."""
+
+    time: NDArray[np.float64]
+    state: NDArray[np.uint8]
+    cell: NDArray[np.uint32] | None
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def part(self, start: int, stop: int) -> "Measurements":
+        """The measurements [start, stop)."""
+        cell = None if self.cell is None else self.cell[start:stop]
+        return Measurements(self.time[start:stop], self.state[start:stop], cell)
+
+
+def measurements(time: TimesLike, state: Any, cell: Any = None) -> Measurements:
+    """Columns in order of time; one time for all is repeated. Raises ValueError where lengths differ."""
+    states = _small(state, "state", np.uint8)
+    cells = None if cell is None else _small(cell, "cell", np.uint32)
+    times = unix_array(time)
+    if len(times) == 1:
+        times = np.repeat(times, len(states))
+    lengths = {"time": len(times), "state": len(states)} | ({} if cells is None else {"cell": len(cells)})
+    if len(set(lengths.values())) > 1:
+        raise ValueError(f"columns differ in length: {lengths}")
+    return _in_order(Measurements(times, states, cells))
+
+
+def look(time: TimesLike, occupied: NDArray[Any], free: NDArray[Any]) -> Measurements:
+    """One look at a grid at one time: cells seen occupied (m,) and cells seen free (k,)."""
+    state = np.repeat(np.array([1, 0], np.uint8), [len(occupied), len(free)])
+    return measurements(time, state, np.concatenate([occupied, free]))
+
+
+def batches(columns: Measurements, most: int = MEASUREMENTS_PER_POST) -> Iterator[Measurements]:
+    """Consecutive parts of at most `most` measurements, cut between looks where that is possible.
+
+    There is always one, so that what an empty post means is left to the server.
+    """
+    starts = np.flatnonzero(np.diff(columns.time)) + 1
+    start = 0
+    while len(columns) - start > most:
+        last = np.searchsorted(starts, start + most, side="right") - 1
+        whole = int(starts[last]) if last >= 0 else 0
+        stop = whole if whole > start else start + most
+        yield columns.part(start, stop)
+        start = stop
+    yield columns.part(start, len(columns))
+
+
+def arrow(columns: Measurements) -> bytes:
+    """An Arrow IPC stream of the columns `time`, `cell` (if there are cells) and `state`."""
+    arrays = {"time": pa.array(columns.time), "state": pa.array(columns.state)}
+    if columns.cell is not None:
+        arrays["cell"] = pa.array(columns.cell)
+    batch = pa.RecordBatch.from_pydict(arrays)
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_stream(sink, batch.schema) as stream:
+        stream.write_batch(batch)
+    return bytes(sink.getvalue())
+
+
+def looks(columns: Measurements, rows: NDArray[np.int64]) -> bytes:
+    """The JSON form of looks at a grid; `columns.cell` counts into `rows` (m, 2 or 3), the cells [i, j, k].
+
+    It needs no shape and so no server. Raises ValueError for a state that it cannot say.
+    """
+    if columns.cell is None or (columns.state > 1).any():
+        raise ValueError("a state is 0 (free) or 1 (occupied)")
+    cuts = np.flatnonzero(np.diff(columns.time)) + 1
+    parts = (np.split(column, cuts) for column in (columns.time, columns.state, rows[columns.cell]))
+    observations = [
+        {"time": time[0], "occupied": row[state == 1].tolist(), "free": row[state == 0].tolist()}
+        for time, state, row in zip(*parts, strict=True)
+        if len(time)
+    ]
+    return json.dumps({"observations": observations}, separators=(",", ":")).encode()
+
+
+def npy(array: NDArray[Any]) -> bytes:
+    """An npy file."""
+    sink = io.BytesIO()
+    np.save(sink, array)
+    return sink.getvalue()
+
+
+def tristate(states: Any) -> NDArray[np.int8]:
+    """States 1, 0 and -1 (or 255) for not seen, of any shape. Raises ValueError for any other.
+
+    >>> tristate([[0, 1], [255, -1]]).tolist()
+    [[0, 1], [-1, -1]]
+    """
+    array = np.asarray(states)
+    if not np.isin(array, (0, 1, 255, -1)).all():
+        raise ValueError("a state is 0 (free), 1 (occupied), or -1 (not seen)")
+    return np.where(array == 255, -1, array).astype(np.int8)
+
+
+def indices(cells: Any) -> NDArray[np.int64]:
+    """Rows of indices (n, 2 or 3) into a grid. Raises ValueError for what is no whole number."""
+    array = np.asarray(cells)
+    rows = array.astype(np.int64)
+    if not np.array_equal(rows, array):
+        raise ValueError("a row of indices [i, j, k] is of whole numbers")
+    return rows
+
+
+def linear(cells: Any, shape: Sequence[int]) -> NDArray[np.int64]:
+    """Linear indices (n,) in C order of indices (n, 2 or 3) into a grid of `shape`.
+
+    >>> linear([[0, 0, 1], [1, 0, 0]], (2, 3, 4)).tolist()
+    [1, 12]
+    """
+    index = np.asarray(cells, np.int64)
+    flat: NDArray[np.int64] = np.ravel_multi_index(tuple(index.T), tuple(shape)[: index.shape[1]])
+    return flat
+
+
+def _small(values: Any, name: str, dtype: type[np.unsignedinteger[Any]]) -> NDArray[Any]:
+    """`values` (n,) as an unsigned type. Raises ValueError for what would change by it."""
+    array = np.atleast_1d(np.asarray(values))
+    if array.size == 0:
+        return np.zeros(0, dtype)
+    with np.errstate(invalid="ignore"):
+        small = array.astype(dtype)
+    if array.ndim != 1 or not np.array_equal(small, array):
+        raise ValueError(f"{name} is a column of whole numbers from 0 to {np.iinfo(dtype).max}")
+    return small
+
+
+def _in_order(columns: Measurements) -> Measurements:
+    if (np.diff(columns.time) >= 0).all():
+        return columns
+    order = np.argsort(columns.time, kind="stable")
+    cell = None if columns.cell is None else columns.cell[order]
+    return Measurements(columns.time[order], columns.state[order], cell)

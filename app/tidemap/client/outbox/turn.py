@@ -1,0 +1,35 @@
+"""At most one sender of an outbox at a time."""
+
+import sqlite3
+from pathlib import Path
+
+from tidemap.client.outbox.file import connect, explained
+
+
+class Turn:
+    """A lock among all clients and processes of this machine, which its holder's death releases.
+
+    It is SQLite's own lock on an empty file beside the outbox, which works on every system and, other than
+    that of a plain file, is inherited by no child process.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path.with_name(f"{path.name}-sender")
+        self._db = connect(self._path, timeout_s=0)
+        # Without this an interrupted holder would leave a journal behind.
+        self._db.execute("PRAGMA journal_mode = MEMORY")
+
+    def taken(self) -> bool:
+        """Whether it is this one's turn, which then lasts until `close`."""
+        with explained(self._path):
+            if not self._db.in_transaction:
+                try:
+                    self._db.execute("BEGIN EXCLUSIVE")
+                except sqlite3.OperationalError as error:
+                    if error.sqlite_errorcode & 0xFF != sqlite3.SQLITE_BUSY:
+                        raise
+            return self._db.in_transaction
+
+    def close(self) -> None:
+        """Let another one send."""
+        self._db.close()

@@ -1,0 +1,78 @@
+"""The locations of the demo at the server."""
+
+import math
+from typing import Any
+
+from tidemap.client import Client, LocationHandle, TidemapError
+from tidemap.demo.civil import ZONE
+from tidemap.demo.plan import RESOLUTION_M, SHAPE
+from tidemap.demo.robot import INTERVAL_S
+from tidemap.schemas.locations import Grid, Location
+
+BUILDING = "building"
+PLACES = ("main-door", "office-door", "office-occupied", "lab-occupied", "meeting-room")
+CONFLICT = 409
+MIN_CELLS = 4
+NO_EVENTS = math.prod(SHAPE)
+"""As min_cells while the history is filled in: what a model of its first days calls abnormal is no event."""
+
+_ALL: dict[str, Any] = {"interval_s": INTERVAL_S, "time_zone": ZONE, "epoch": 0.0}
+FORMS: dict[str, dict[str, Any]] = {
+    BUILDING: _ALL
+    | {
+        "kind": "grid3d",
+        "grid": Grid(frame="map", origin=(0.0, 0.0, 0.0), resolution_m=RESOLUTION_M, shape=list(SHAPE)),
+        "confidence": 0.97,
+        "min_cells": NO_EVENTS,
+    }
+} | {name: _ALL | {"kind": "state", "confidence": 0.95} for name in PLACES}
+_FIXED = ("kind", "interval_s", "epoch", "grid")
+
+
+class NotTheDemoError(TidemapError):
+    """A location of the demo's name is somebody else's: other cells or another time base."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(
+            CONFLICT,
+            "Name taken",
+            f"There is a location {name!r} already, and it is not the demo's: rename or delete it, "
+            "or run the demo on a server of its own (--data DIR).",
+        )
+
+
+def prepare(client: Client) -> dict[str, Location]:
+    """The locations of the demo with what is known of them, made where they are missing.
+
+    Raises NotTheDemoError before anything is made if a name is taken by something else.
+    """
+    known = {location.name: location for location in client.locations()}
+    for name in known.keys() & FORMS.keys():
+        check(known[name])
+    for name in FORMS.keys() - known.keys():
+        known[name] = create(client, name).get()
+    return {name: known[name] for name in FORMS}
+
+
+def begin_events(client: Client) -> None:
+    """From now on MIN_CELLS surprising cells of the building are an event."""
+    building = client.location(BUILDING)
+    if building.get().min_cells == NO_EVENTS:
+        building.patch(min_cells=MIN_CELLS)
+
+
+def create(client: Client, name: str) -> LocationHandle:
+    """Make one location, or take the one that somebody has made in the meantime."""
+    try:
+        return client.create_location(name, **FORMS[name])
+    except TidemapError as error:
+        if error.status != CONFLICT:
+            raise
+    check(client.location(name).get())
+    return client.location(name)
+
+
+def check(location: Location) -> None:
+    """Raises NotTheDemoError for a location whose cells or time base are not the demo's."""
+    if any(getattr(location, field) != FORMS[location.name].get(field) for field in _FIXED):
+        raise NotTheDemoError(location.name)

@@ -1,0 +1,327 @@
+"""What can go wrong, in the words of the domain. These classes know no HTTP: `tidemap.api.errors` maps them."""
+
+from dataclasses import dataclass
+
+MOST_ERRORS = 100
+"""Fields that one error names; a body may have a million wrong ones."""
+
+
+@dataclass(frozen=True, slots=True)
+class FieldError:
+    """One offending place in the input: `field` as the sender wrote it, `message` saying what to change."""
+
+    field: str
+    message: str
+
+
+class TidemapError(Exception):
+    """Base of every expected error. `code` names the kind in `type` of a problem document."""
+
+    code = "error"
+    title = "Error"
+
+
+class NotFoundError(TidemapError):
+    """Something was asked for by a name or an id that nothing has."""
+
+    code = "not-found"
+    title = "Not found"
+
+
+class LocationNotFoundError(NotFoundError):
+    """No location has this name."""
+
+    code = "location-not-found"
+    title = "Location not found"
+
+    def __init__(self, name: str) -> None:
+        super().__init__(f"There is no location {name!r}. GET /locations lists the names; POST /locations makes one.")
+
+
+class CellNotFoundError(NotFoundError):
+    """A question names a cell outside the location's grid."""
+
+    code = "cell-not-found"
+    title = "Cell not found"
+
+    def __init__(self, cell: int, n_cells: int) -> None:
+        super().__init__(f"Cell {cell} is outside this location: its cells are 0 to {n_cells - 1}.")
+
+
+class JobNotFoundError(NotFoundError):
+    """No job has this id."""
+
+    code = "job-not-found"
+    title = "Job not found"
+
+    def __init__(self, job_id: object) -> None:
+        super().__init__(f"There is no job {job_id}. GET /jobs lists them.")
+
+
+class AnomalyNotFoundError(NotFoundError):
+    """No anomaly has this id."""
+
+    code = "anomaly-not-found"
+    title = "Anomaly not found"
+
+    def __init__(self, anomaly_id: object) -> None:
+        super().__init__(f"There is no anomaly {anomaly_id}. GET /anomalies lists them.")
+
+
+class KeyNotFoundError(NotFoundError):
+    """No key has this id."""
+
+    code = "key-not-found"
+    title = "Key not found"
+
+    def __init__(self, key_id: object) -> None:
+        super().__init__(f"There is no key {key_id}. GET /keys lists them.")
+
+
+class ConflictError(TidemapError):
+    """The request is sound but does not fit what is stored."""
+
+    code = "conflict"
+    title = "Conflict"
+
+
+class LocationExistsError(ConflictError):
+    """The name of a new location is taken."""
+
+    code = "name-taken"
+    title = "Name taken"
+
+    def __init__(self, name: str) -> None:
+        super().__init__(f"A location {name!r} exists already. Choose another name, or PATCH or DELETE that one.")
+
+
+class IdempotencyConflictError(ConflictError):
+    """An idempotency key came back with another body."""
+
+    code = "idempotency-key-reused"
+    title = "Idempotency key reused"
+
+    def __init__(self, key: str) -> None:
+        super().__init__(
+            f"Idempotency-Key {key!r} was used for another body at this location. "
+            "Send a new key with new data; nothing was stored."
+        )
+
+
+class NoModelError(ConflictError):
+    """The location has no revision yet."""
+
+    code = "no-model"
+    title = "No model yet"
+
+    def __init__(self, name: str) -> None:
+        super().__init__(
+            f"Location {name!r} has no model yet: post observations, then POST /locations/{name}/update "
+            "(or wait for the background updater)."
+        )
+
+
+class JobFinishedError(ConflictError):
+    """A job that has ended cannot be cancelled."""
+
+    code = "job-finished"
+    title = "Job finished"
+
+    def __init__(self, job_id: object, state: str) -> None:
+        super().__init__(f"Job {job_id} is {state}: only a queued job can be cancelled.")
+
+
+class UnreadableBodyError(TidemapError):
+    """The body cannot be parsed at all."""
+
+    code = "unreadable-body"
+    title = "Unreadable body"
+
+
+class UnsupportedMediaTypeError(TidemapError):
+    """The body is of a kind this endpoint does not read."""
+
+    code = "unsupported-media-type"
+    title = "Unsupported media type"
+
+
+class BodyTooLargeError(TidemapError):
+    """The (unpacked) body exceeds the limit."""
+
+    code = "body-too-large"
+    title = "Body too large"
+
+    def __init__(self, limit: int) -> None:
+        super().__init__(
+            f"The body is larger than {limit} bytes (counted unpacked). Split it into several posts, "
+            "or raise TIDEMAP_MAX_BODY_BYTES (for JSON: TIDEMAP_MAX_JSON_BYTES) on the server."
+        )
+
+
+class BodyStalledError(TidemapError):
+    """The sender stopped in the midst of a body."""
+
+    code = "body-stalled"
+    title = "Body stalled"
+
+    def __init__(self, waited_s: float) -> None:
+        super().__init__(
+            f"Nothing more of the body came for {waited_s:.0f} seconds. Send it again; nothing was stored."
+        )
+
+
+class InvalidInputError(TidemapError):
+    """Readable but wrong. `errors` name the fields and the mend."""
+
+    code = "invalid-input"
+    title = "Invalid input"
+
+    def __init__(self, *errors: FieldError) -> None:
+        told = errors[:MOST_ERRORS]
+        super().__init__("; ".join(f"{error.field}: {error.message}" for error in told))
+        self.errors = told
+
+    @classmethod
+    def at(cls, field: str, message: str) -> "InvalidInputError":
+        """The error of one field."""
+        return cls(FieldError(field, message))
+
+
+def refuse_reversed(start: float | None, stop: float | None) -> None:
+    """Raise InvalidInputError for a range of times that stops before it starts."""
+    if start is not None and stop is not None and stop < start:
+        raise InvalidInputError.at("stop", "it lies before start; swap them")
+
+
+class UnauthorizedError(TidemapError):
+    """No key, or none that is known."""
+
+    code = "unauthorized"
+    title = "Key needed"
+
+
+class ForbiddenError(TidemapError):
+    """A known key whose role does not allow this."""
+
+    code = "forbidden"
+    title = "Not allowed"
+
+
+class OtherSiteError(TidemapError):
+    """A page of another site asks in the name of whoever looks at it."""
+
+    code = "other-site"
+    title = "Another site"
+
+
+class BusyError(TidemapError):
+    """The server cannot take this now; the same request may be sent again after `retry_after_s`."""
+
+    code = "busy"
+    title = "Busy"
+    retry_after_s = 1
+
+
+class RateLimitError(BusyError):
+    """More requests than the limit, of one key or from one address."""
+
+    code = "rate-limit"
+    title = "Too many requests"
+
+    def __init__(self, retry_after_s: int) -> None:
+        super().__init__(
+            f"Too many requests came in a short time. Send this again in {retry_after_s} s, and several measurements "
+            "in one post; nothing was stored."
+        )
+        self.retry_after_s = retry_after_s
+
+
+class ShuttingDownError(BusyError):
+    """The server is stopping and takes no more writes."""
+
+    code = "shutting-down"
+    title = "Shutting down"
+    retry_after_s = 5
+
+    def __init__(self) -> None:
+        super().__init__("The server is shutting down. Send this again in a few seconds; nothing was stored.")
+
+
+class QueueFullError(BusyError):
+    """The commit queue is full."""
+
+    code = "queue-full"
+    title = "Queue full"
+
+    def __init__(self) -> None:
+        super().__init__("The commit queue is full. Send this again in a second; nothing was stored.")
+
+
+class TooManyBodiesError(BusyError):
+    """The memory for bodies is taken by others."""
+
+    code = "too-many-bodies"
+    title = "Too many bodies"
+    retry_after_s = 2
+
+    def __init__(self) -> None:
+        super().__init__(
+            "Too many large bodies are being read. Send this again in a few seconds, or smaller posts; "
+            "nothing was stored."
+        )
+
+
+class OffDutyError(BusyError):
+    """Another process does the background work now."""
+
+    code = "off-duty"
+    title = "Off duty"
+
+    def __init__(self) -> None:
+        super().__init__("Another process on this database does the background work now; nothing was stored.")
+
+
+class CorruptChunkError(TidemapError):
+    """A stored blob fails its checksum or cannot be read."""
+
+    code = "corrupt-chunk"
+    title = "Corrupt chunk"
+
+    def __init__(self, what: str, why: str) -> None:
+        super().__init__(f"The stored {what} is corrupt: {why}. Restore it from a backup; the rest is readable.")
+        self.what, self.why = what, why
+
+
+class SchemaVersionError(TidemapError):
+    """The database has a schema this version does not know."""
+
+    code = "schema-version"
+    title = "Unknown schema version"
+
+
+class DatabaseUnusableError(TidemapError):
+    """There is no database at the address, or something else than one of ours."""
+
+    code = "database-unusable"
+    title = "Database unusable"
+
+
+class BackupError(TidemapError):
+    """A backup was not made."""
+
+    code = "backup"
+    title = "No backup made"
+
+
+class StorageUnavailableError(BusyError):
+    """The database does not answer now, or not as it should."""
+
+    code = "storage-unavailable"
+    title = "Storage unavailable"
+    retry_after_s = 2
+
+    def __init__(self) -> None:
+        super().__init__(
+            "The database does not answer now. Send this again in a few seconds; "
+            "with its Idempotency-Key a post is stored once, even if its answer got lost."
+        )

@@ -1,0 +1,68 @@
+"""Anomaly events on the wire."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from tidemap.schemas.common import Answer, Form, Text, TimeIn, TimeOut, shown
+from tidemap.schemas.locations import Confidence, EstimatorName
+
+Rule = Literal["surprise", "paper"]
+
+
+class Event(Answer):
+    """Neighbouring surprising cells of one observation.
+
+    `bbox` is [x0,y0,z0,x1,y1,z1] in metres in the grid's frame (null for kind `state`); `probability` is the
+    mean predicted probability of the cells, `surprise` the peak of |p - s|. `id` is null for events that were
+    computed on request and are not stored. Lists and messages have the first 10,000 cells of an event, of
+    `cells_total`; GET /anomalies/{id} has all of them.
+    """
+
+    id: int | None
+    location: str
+    start: TimeOut
+    stop: TimeOut
+    cells: list[int]
+    cells_total: int = Field(default_factory=lambda event: len(event["cells"]))
+    bbox: list[float] | None
+    observed: Literal[0, 1]
+    probability: float
+    surprise: float
+    confidence: float
+    rule: Rule
+    revision: int
+    acknowledged_by: str | None = None
+    acknowledged_at: TimeOut | None = None
+    note: str | None = None
+
+
+class DetectForm(Form):
+    """Which part of the history to search for anomalies."""
+
+    model_config = shown(
+        {"start": "2026-02-23T00:00:00Z", "stop": "2026-03-02T00:00:00Z", "confidence": 0.95, "rule": "surprise"}
+    )
+
+    start: TimeIn
+    stop: TimeIn
+    confidence: Confidence | None = Field(None, description="Default: the location's.")
+    rule: Rule = "surprise"
+    order: int | None = Field(None, ge=0, le=64)
+    estimator: EstimatorName | None = None
+
+
+class AcknowledgeForm(Form):
+    """An operator has seen an event."""
+
+    model_config = shown({"note": "The cleaners came early."})
+
+    note: Text | None = Field(None, max_length=2000)
+
+
+class Events(Answer):
+    """Events computed over the history."""
+
+    items: list[Event]
+    next: None = None
+    revision: int

@@ -1,0 +1,135 @@
+"""Locations on the wire."""
+
+import math
+from typing import Annotated, Literal
+from zoneinfo import ZoneInfo
+
+from pydantic import AfterValidator, Field, Strict, model_validator
+
+from tidemap.schemas.common import FARTHEST_S, NAME_PATTERN, Answer, Form, Many, Text, TimeIn, TimeOut, shown
+
+Kind = Literal["state", "grid2d", "grid3d"]
+EstimatorName = Literal["calendar", "fft", "static"]
+EstimatorChoice = Literal["auto", "calendar", "fft", "static"]
+Order = Annotated[int, Field(ge=1, le=64)]
+OrderChoice = Order | Literal["auto"]
+Confidence = Annotated[float, Field(ge=0.5, lt=1)]
+Missing = Literal["mask", "hold"]
+Seconds = Annotated[float, Field(gt=0, le=FARTHEST_S)]
+Metres = Annotated[float, Strict()]
+
+
+def _known_zone(name: str) -> str:
+    try:
+        ZoneInfo(name)
+    except (KeyError, ValueError, OSError, TypeError):
+        raise ValueError(f"{name!r} is no IANA time zone; use a name such as Europe/London or UTC") from None
+    return name
+
+
+TimeZone = Annotated[str, AfterValidator(_known_zone), Field(examples=["Europe/London"])]
+
+
+class Grid(Form):
+    """A regular grid: `origin` is the corner of cell [0,0,0] in `frame`, in metres."""
+
+    frame: Text = Field("map", min_length=1, max_length=128)
+    origin: Annotated[tuple[Metres, Metres, Metres], Strict(False)] = (0.0, 0.0, 0.0)
+    resolution_m: float = Field(gt=0, le=1000)
+    shape: Many[Annotated[int, Field(ge=1, le=65536)]] = Field(min_length=2, max_length=3)
+
+    @property
+    def n_cells(self) -> int:
+        """How many cells the grid has."""
+        return math.prod(self.shape)
+
+
+class LocationForm(Form):
+    """A new location."""
+
+    model_config = shown(
+        {"name": "office-door", "kind": "state", "interval_s": 60, "time_zone": "Europe/London"},
+        {
+            "name": "lab",
+            "kind": "grid3d",
+            "interval_s": 300,
+            "grid": {"frame": "map", "origin": [0, 0, 0], "resolution_m": 0.2, "shape": [60, 40, 12]},
+            "confidence": 0.9,
+        },
+    )
+
+    name: str = Field(pattern=NAME_PATTERN, examples=["office-door"])
+    kind: Kind = "state"
+    interval_s: float = Field(ge=0.001, le=31 * 86400, description="Length of a sample in seconds.", examples=[60])
+    time_zone: TimeZone = "UTC"
+    epoch: TimeIn = Field(0.0, description="Start of sample 0.")
+    grid: Grid | None = None
+    estimator: EstimatorChoice = "auto"
+    order: OrderChoice = "auto"
+    confidence: Confidence = 0.9
+    missing: Missing = "mask"
+    hold_s: Seconds | None = Field(None, description="How long a state stands at most, for `hold`.")
+    retention: Seconds | None = Field(None, description="Forget history older than this many seconds.")
+    min_cells: int = Field(1, ge=1, description="Events of fewer neighbouring cells are not reported.")
+
+    @model_validator(mode="after")
+    def _consistent(self) -> "LocationForm":
+        if self.kind == "state" and self.grid is not None:
+            raise ValueError("a location of kind 'state' has one cell and no grid; leave `grid` out or change `kind`")
+        if self.kind != "state" and self.grid is None:
+            raise ValueError(f"a location of kind {self.kind!r} needs `grid` with resolution_m and shape")
+        if self.grid is not None:
+            self._check_shape(self.grid)
+        if self.missing == "hold" and self.hold_s is None:
+            raise ValueError("`missing` = 'hold' needs `hold_s`, the seconds a state stands at most")
+        return self
+
+    def _check_shape(self, grid: Grid) -> None:
+        flat = len(grid.shape) == 2 or grid.shape[2] == 1
+        if self.kind == "grid2d" and not flat:
+            raise ValueError("grid.shape of a grid2d is [nx, ny]; for several layers use kind 'grid3d'")
+        if self.kind == "grid3d" and len(grid.shape) != 3:
+            raise ValueError("grid.shape of a grid3d is [nx, ny, nz]")
+
+
+class LocationPatch(Form):
+    """What may be changed later; the time base and the grid stay as they are."""
+
+    model_config = shown({"name": "front-door", "confidence": 0.95})
+
+    name: str | None = Field(None, pattern=NAME_PATTERN)
+    time_zone: TimeZone | None = None
+    estimator: EstimatorChoice | None = None
+    order: OrderChoice | None = None
+    confidence: Confidence | None = None
+    missing: Missing | None = None
+    hold_s: Seconds | None = None
+    retention: Seconds | None = None
+    min_cells: int | None = Field(None, ge=1)
+
+
+class Location(Answer):
+    """A location with what is known of it. `observations` counts measurements."""
+
+    name: str
+    kind: Kind
+    interval_s: float
+    time_zone: str
+    epoch: TimeOut
+    grid: Grid | None
+    shape: list[int]
+    estimator: EstimatorChoice
+    order: OrderChoice
+    confidence: float
+    missing: Missing
+    hold_s: float | None
+    retention: float | None
+    min_cells: int
+    created_at: TimeOut
+    observations: int
+    first_time: TimeOut | None
+    last_time: TimeOut | None
+    revision: int
+    updated_at: TimeOut | None
+    accuracy: float | None
+    open_anomalies: int

@@ -1,0 +1,201 @@
+"""Questions about a map and their answers. Large answers are encoded from arrays; these forms document them."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from tidemap.schemas.common import Answer, Form, Many, TimeIn, TimeOut, shown
+from tidemap.schemas.locations import Confidence, EstimatorName
+
+Verdict = Literal["occupied", "free", "uncertain"]
+UNAVAILABLE = (
+    "Cells [first, stop) whose stored state is damaged, as the server's log says: they are missing here. "
+    "Empty when all is well."
+)
+
+
+class State(Answer):
+    """The state at a time, for the cells that have been observed."""
+
+    time: TimeOut
+    confidence: float
+    estimator: str
+    order: int
+    revision: int
+    shape: list[int]
+    cell: list[int]
+    probability: list[float]
+    state: list[int]
+    verdict: list[Verdict]
+    observed: list[int | None] | None = Field(None, description="As last seen at that time (`observed=true`).")
+    observed_time: list[float | None] | None = None
+    unavailable: list[tuple[int, int]] = Field(description=UNAVAILABLE)
+
+
+class PredictForm(Form):
+    """Ask for many times (and some cells) at once."""
+
+    model_config = shown({"time": ["2026-03-02T09:00:00Z", 1772442000], "cell": [0], "confidence": 0.9})
+
+    time: Many[TimeIn] = Field(min_length=1)
+    cell: Many[int] | None = None
+    confidence: Confidence | None = None
+    order: int | None = Field(None, ge=0, le=64)
+    estimator: EstimatorName | None = None
+
+
+class Prediction(Answer):
+    """Per cell, per time. Null where a cell has never been observed."""
+
+    time: list[float]
+    cell: list[int]
+    confidence: float
+    probability: list[list[float | None]]
+    state: list[list[int | None]]
+    entropy: list[list[float | None]]
+    revision: int
+    unavailable: list[tuple[int, int]] = Field(description=UNAVAILABLE)
+
+
+class Series(Answer):
+    """One cell over time; `observed` is null where a sample was not observed."""
+
+    cell: int
+    time: list[float]
+    probability: list[float | None]
+    state: list[int | None]
+    observed: list[int | None]
+    revision: int
+
+
+class Component(Answer):
+    """One wave: amplitude·cos(2π·frequency_hz·τ + phase); with `gate` weekend on Saturdays and Sundays only.
+
+    τ is t - start in seconds where the model's `time_zone` is null (fft), else the civil time there in seconds since a
+    Monday 00:00 (calendar). `period_s` is null for a constant, which a gate may have.
+    """
+
+    amplitude: float
+    phase: float
+    frequency_hz: float
+    period_s: float | None
+    gate: str | None = None
+
+
+class Compression(Answer):
+    """What the history and the spectrum of this cell cost, against one bit a sample.
+
+    `lossy_ratio` = raw bytes / spectrum bytes; `lossless_ratio` = raw bytes / history bytes (what is stored);
+    `paper_lossless_ratio` = raw bytes / (spectrum + outlier bytes), the form of the paper.
+    """
+
+    samples: int
+    raw_bytes: int
+    history_bytes: int
+    spectrum_bytes: int
+    outlier_bytes: int
+    lossy_ratio: float
+    lossless_ratio: float
+    paper_lossless_ratio: float
+
+
+class SelectionRow(Answer):
+    """One candidate that `auto` tried, with its forward-chaining scores."""
+
+    estimator: str
+    order: int
+    error: float | None
+    brier: float | None
+    log_loss: float | None
+    n: int
+
+
+class Selection(Answer):
+    """What `auto` chose and why."""
+
+    estimator: str
+    order: int
+    reason: str
+    cells: int
+    scores: list[SelectionRow]
+
+
+class Model(Answer):
+    """The spectrum P and the outliers O of one cell. Times of outliers are Unix seconds, [start, stop).
+
+    p(t) = link⁻¹(mean + Σ components), clipped to [0, 1].
+    """
+
+    cell: int
+    estimator: str
+    link: Literal["identity", "logit"]
+    time_zone: str | None
+    order: int
+    start: TimeOut
+    stop: TimeOut
+    samples: int
+    interval_s: float
+    mean: float | None
+    components: list[Component]
+    outliers: list[tuple[float, float]]
+    accuracy: float | None
+    compression: Compression
+    selection: Selection | None
+    revision: int
+
+
+class EvaluateForm(Form):
+    """Score orders and estimators against the history in [start, stop), or against measurements given.
+
+    Each candidate is fitted on the window of the current revision, or on [train_start, train_stop).
+    """
+
+    model_config = shown(
+        {"start": "2026-02-23T00:00:00Z", "stop": "2026-03-02T00:00:00Z", "orders": [0, 1, 2, 3, 5, 10, 15]},
+        {"time": [1772442000, "2026-03-02T21:00:00Z"], "state": [1, 0], "orders": [2], "estimators": ["fft"]},
+    )
+
+    start: TimeIn | None = None
+    stop: TimeIn | None = None
+    orders: Many[int] = Field(min_length=1, max_length=65)
+    estimators: Many[EstimatorName] | None = Field(None, min_length=1)
+    confidence: Confidence | None = None
+    time: Many[TimeIn] | None = None
+    state: Many[Literal[0, 1]] | None = None
+    train_start: TimeIn | None = None
+    train_stop: TimeIn | None = None
+
+
+class EvaluationRow(Answer):
+    """Scores of one candidate; accuracy is 1 - error."""
+
+    estimator: str
+    order: int
+    error: float
+    brier: float
+    log_loss: float
+    n: int
+
+
+class Best(Answer):
+    """The candidate with the least log loss."""
+
+    estimator: str
+    order: int
+
+
+class ReliabilityRow(Answer):
+    """Of the predictions in one bin of probability: their mean, and how often the cell was occupied."""
+
+    probability: float
+    observed: float
+    n: int
+
+
+class Evaluation(Answer):
+    """All scores, the best, and the reliability table of the best."""
+
+    results: list[EvaluationRow]
+    best: Best
+    reliability: list[ReliabilityRow]
+    revision: int

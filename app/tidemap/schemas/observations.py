@@ -1,0 +1,46 @@
+"""Observations on the wire. Large bodies are parsed columnar by `tidemap.ingest`; these forms document them."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from tidemap.schemas.anomalies import Event
+from tidemap.schemas.common import Answer, Form, TimeIn, TimeOut
+
+Cell = Annotated[int, Field(ge=0)]
+Cells = list[Cell | Annotated[list[Cell], Field(min_length=2, max_length=3)]]
+
+
+class StateObservations(Form):
+    """Measurements of a location of kind `state`: two columns of one length."""
+
+    time: list[TimeIn] = Field(min_length=1)
+    state: list[Literal[0, 1]] = Field(min_length=1)
+
+
+class GridObservation(Form):
+    """What one look at a grid saw; cells in neither list were not seen. A cell is its linear index or [i,j,k]."""
+
+    time: TimeIn
+    occupied: Cells = Field(default=[], description="Cells seen occupied.")
+    free: Cells = Field(default=[], description="Cells seen free.")
+
+
+class GridObservations(Form):
+    """Observations of a grid."""
+
+    observations: list[GridObservation] = Field(min_length=1)
+
+
+class Accepted(Answer):
+    """The answer to a post, sent after the durable commit."""
+
+    accepted: Annotated[int, Field(description="Measurements stored.")]
+    duplicate: bool
+    first_time: TimeOut | None
+    last_time: TimeOut | None
+    anomalies: list[Event] = Field(
+        description="The 100 most surprising, in order of their start; all are stored, and listed by GET /anomalies."
+    )
+    anomalies_total: Annotated[int, Field(description="How many there are.")] = 0
+    revision: int

@@ -1,0 +1,137 @@
+"""Compaction: the log's tail becomes segments of the history, and what is older than `retention` is forgotten."""
+
+from collections.abc import Callable, Collection, Iterator, Mapping
+from itertools import pairwise
+
+import numpy as np
+
+from tidemap.errors import CorruptChunkError
+from tidemap.services.context import Context
+from tidemap.services.history import by_chunk, by_segment, of_chunk, span
+from tidemap.spectral.measurements import Measurements
+from tidemap.spectral.segment import Segment, merge
+from tidemap.storage.blobs import pack_segment
+from tidemap.storage.observations import Packed
+from tidemap.storage.records import CHUNK_CELLS, LocationRecord
+from tidemap.storage.segments import SegmentKey
+from tidemap.storage.work import Work
+
+ROUND_MEASUREMENTS = 8_000_000
+"""Measurements that one round takes from the log: the more, the fewer times a segment is written anew, and the more
+memory."""
+Part = tuple[Measurements, int, int]
+"""Rows [first, stop) of measurements: as measurements of their own they would take half as much memory again."""
+
+
+def compact(ctx: Context, place: LocationRecord, check: Callable[[], None] = lambda: None) -> None:
+    """Move the log's tail into segments, round by round, until nothing is left of what was there at the start.
+
+    `check` is called all the time; what it raises ends this, and leaves the log as the last round did.
+    """
+    with ctx.store.read() as work:
+        target = work.locations.by_id(place.id).observation_seq
+    while _compact_some(ctx, place.id, target, check):
+        pass
+    ctx.store.write(lambda work: work.observations.give_back())
+
+
+def forget(ctx: Context, place: LocationRecord) -> None:
+    """Drop compacted history that is older than the location's `retention`."""
+    with ctx.store.read() as work:
+        place = work.locations.by_id(place.id)
+    if place.retention_s is None or place.last_time is None:
+        return
+    before = int(place.base.sample(place.last_time - place.retention_s))
+    if before > span(place)[0]:
+        with ctx.compacting:
+            ctx.store.write(lambda work: work.segments.forget(place, before))
+        ctx.histories.drop(lambda key: isinstance(key, tuple) and key[0] == place.id)
+
+
+def _compact_some(ctx: Context, location_id: int, target: int, check: Callable[[], None]) -> bool:
+    """One round; whether there may be more to do."""
+    # A compaction that is overtaken by another process stores nothing, so no transaction is held for its length.
+    with ctx.compacting:
+        check()
+        with ctx.store.read() as work:
+            place = work.locations.by_id(location_id)
+            if place.compacted_seq >= target:
+                return False
+            rows = work.observations.packed(place, ROUND_MEASUREMENTS)
+        through = rows[-1].number
+        parts, damaged = _unpack(ctx, place, rows)
+        del rows
+        merged: dict[SegmentKey, bytes] = {}
+        for key, payload in _merge_all(ctx, place, _split(parts)):
+            merged[key] = payload
+            check()
+        ctx.store.write(lambda work: put_in_place(work, place, through, merged, damaged))
+    return True
+
+
+def put_in_place(
+    work: Work, place: LocationRecord, through: int, segments: Mapping[SegmentKey, bytes], damaged: Collection[int] = ()
+) -> bool:
+    """Put merged segments, packed, in place of the log up to number `through`; damaged observations stay in it.
+
+    False, and nothing done, when somebody else has compacted since `place` was read.
+    """
+    if not work.observations.settle(place, through, damaged):
+        return False
+    work.segments.put(place, segments)
+    return True
+
+
+def _unpack(ctx: Context, place: LocationRecord, rows: list[Packed]) -> tuple[list[Measurements], set[int]]:
+    """What can be read of a part of the log, and the numbers of what cannot, which is told of."""
+    parts, damaged = [], set()
+    # In two large arrays: hundreds of small ones would leave holes in the heap when they go.
+    total = sum(row.measurements for row in rows)
+    cell, state = np.empty(total, np.uint32), np.empty(total, np.uint8)
+    stop = 0
+    for row in rows:
+        try:
+            part = row.unpack()
+        except CorruptChunkError as error:
+            ctx.damage.found(place.id, error)
+            damaged.add(row.number)
+            continue
+        start, stop = stop, stop + len(part)
+        cell[start:stop], state[start:stop] = part.cell, part.state
+        parts.append(Measurements(part.time, cell[start:stop], state[start:stop]))
+    return parts, damaged
+
+
+def _split(parts: list[Measurements]) -> dict[int, list[Part]]:
+    """Which part of what was measured at once lies in each chunk; nothing is copied, a log is larger than its rows."""
+    found: dict[int, list[Part]] = {}
+    for part in map(by_chunk, parts):
+        chunk = part.cell // np.uint32(CHUNK_CELLS)
+        borders = [0, *(np.flatnonzero(chunk[1:] != chunk[:-1]) + 1).tolist(), len(part)]
+        for first, stop in pairwise(borders):
+            found.setdefault(int(chunk[first]), []).append((part, first, stop))
+    return found
+
+
+def _merge_all(
+    ctx: Context, place: LocationRecord, measured: dict[int, list[Part]]
+) -> Iterator[tuple[SegmentKey, bytes]]:
+    """The segments that what was measured in each chunk changes, packed; one at a time is held unpacked."""
+    for chunk, parts in sorted(measured.items()):
+        whole = Measurements.concatenate([part.select(slice(first, stop)) for part, first, stop in parts])
+        for number, new in by_segment(place, of_chunk(whole, chunk)):
+            with ctx.store.read() as work:
+                key, before = _before(ctx, work, place, (chunk, number))
+            segment = before or Segment.empty(place.chunk_size(chunk), number)
+            yield key, pack_segment(merge(segment, new, place.base))
+
+
+def _before(ctx: Context, work: Work, place: LocationRecord, key: SegmentKey) -> tuple[SegmentKey, Segment | None]:
+    """What is stored of a segment, and where; of a damaged one what was put aside for it."""
+    chunk, number = key
+    try:
+        return key, dict(work.segments.of_chunk(place, chunk, number, number)).get(number)
+    except CorruptChunkError as error:
+        # Its bytes stay as they are, for whoever can mend them; what is new is kept beside them.
+        ctx.damage.found(place.id, error)
+        return (-1 - chunk, number), work.segments.put_aside(place, chunk, number)

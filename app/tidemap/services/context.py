@@ -1,0 +1,89 @@
+"""Context: what every use case works on."""
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from threading import Lock
+
+from tidemap.errors import CorruptChunkError
+from tidemap.events.bus import Bus
+from tidemap.services.caches import ByteCache
+from tidemap.services.damage import Damage
+from tidemap.services.lending import Lender
+from tidemap.services.places import Places
+from tidemap.services.sheets import MapSheet
+from tidemap.settings import Settings
+from tidemap.spectral.history import History
+from tidemap.spectral.spectrum import Spectrum
+from tidemap.storage.observations import Tail
+from tidemap.storage.records import RevisionRecord
+from tidemap.storage.store import Store
+
+
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
+class Loaded:
+    """A spectrum of all cells of a location; those of the chunks in `damage` are blank, as if never observed.
+
+    `revision` is the one it is of, or that one as if it had been fitted so.
+    """
+
+    revision: RevisionRecord
+    spectrum: Spectrum
+    damage: Mapping[int, CorruptChunkError]
+
+
+@dataclass(frozen=True, slots=True)
+class Context:
+    """The store, the bus, the caches, the known damage and locations of one process. `clock` gives Unix seconds.
+
+    Whoever compacts or forgets a history holds `compacting` meanwhile: it reads segments that it writes later.
+    Whoever unpacks what is to be held in `tails` holds `reading_on`.
+    """
+
+    settings: Settings
+    store: Store
+    bus: Bus
+    spectra: ByteCache[Loaded]
+    histories: ByteCache[History]
+    tails: ByteCache[Tail]
+    sheets: Lender[MapSheet]
+    damage: Damage
+    places: Places
+    compacting: Lock
+    reading_on: Lock
+    clock: Callable[[], float]
+
+
+@contextmanager
+def open_context(settings: Settings, clock: Callable[[], float] = time.time) -> Iterator[Context]:
+    """A context on a migrated database; closes it, finishing the writes that were taken."""
+    store = Store(settings.url, settings.commit_queue, settings.commit_batch)
+    try:
+        yield Context(
+            settings,
+            store,
+            Bus(),
+            ByteCache(settings.spectrum_cache_bytes, lambda value: spectrum_bytes(value.spectrum)),
+            ByteCache(settings.history_cache_bytes, lambda value: value.observed.nbytes + value.occupied.nbytes),
+            ByteCache(settings.history_cache_bytes // 2, tail_bytes),
+            Lender(settings.answer_cache_bytes),
+            Damage(),
+            Places(),
+            Lock(),
+            Lock(),
+            clock,
+        )
+    finally:
+        store.close()
+
+
+def tail_bytes(tail: Tail) -> int:
+    """Memory of the measurements of a log's tail."""
+    return sum(part.nbytes for _, part in tail.parts)
+
+
+def spectrum_bytes(spectrum: Spectrum) -> int:
+    """Memory of a spectrum's arrays."""
+    arrays = (spectrum.frequency_hz, spectrum.gate, spectrum.mean, spectrum.cell, spectrum.index)
+    return sum(array.nbytes for array in arrays) + spectrum.coefficient.nbytes

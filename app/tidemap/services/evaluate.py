@@ -1,0 +1,191 @@
+"""Evaluate: how well estimators and orders predict measurements, of the history or given."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from operator import attrgetter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tidemap.errors import CorruptChunkError, InvalidInputError, refuse_reversed
+from tidemap.schemas.maps import Best, EvaluateForm, Evaluation, EvaluationRow, ReliabilityRow
+from tidemap.services.context import Context
+from tidemap.services.history import read_history, window
+from tidemap.services.spectra import current_revision, recipe_for
+from tidemap.spectral.estimators import fit_recipe
+from tidemap.spectral.evaluation import reliability, score
+from tidemap.spectral.history import OCCUPIED, UNOBSERVED, History
+from tidemap.spectral.prediction import predict_times
+from tidemap.spectral.recipe import Recipe
+from tidemap.spectral.spectrum import Spectrum, truncate
+from tidemap.storage.records import LocationRecord, RevisionRecord
+
+MAX_VALUES = 20_000_000
+"""Predictions that one evaluation makes; of larger locations evenly spread cells are scored."""
+DEFAULT_ESTIMATORS = ("fft", "calendar", "static")
+
+
+Candidate = tuple[str, int]
+"""Estimator and order."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Trial:
+    """What some cells showed (n_cells, n_times) and the fits to be scored on it."""
+
+    time: NDArray[np.float64]
+    states: NDArray[np.uint8]
+    spectra: dict[Candidate, Spectrum]
+
+
+def evaluate(ctx: Context, name: str, form: EvaluateForm) -> Evaluation:
+    """Scores per estimator and order; the spectra are fitted on the revision's window or the one asked for.
+
+    Chunks that are damaged are left out.
+    Raises LocationNotFoundError, NoModelError, InvalidInputError, CorruptChunkError where there is one chunk only.
+    """
+    refuse_reversed(form.start, form.stop)
+    place, revision = current_revision(ctx, name)
+    train = _training(ctx, place, revision, form)
+    candidates = _candidates(form)
+    pooled: dict[Candidate, list[NDArray[np.float32]]] = {candidate: [] for candidate in candidates}
+    states: list[NDArray[np.uint8]] = []
+    for trial in _trials(ctx, place, train, form, candidates):
+        seen = trial.states != UNOBSERVED
+        states.append(trial.states[seen])
+        for candidate, spectrum in trial.spectra.items():
+            pooled[candidate].append(predict_times(spectrum, trial.time)[seen])
+    every = np.concatenate(states) if states else np.empty(0, np.uint8)
+    if not len(every):
+        raise InvalidInputError.at("start", "nothing was observed in this time; choose another range")
+    probabilities = {candidate: np.concatenate(parts) for candidate, parts in pooled.items()}
+    return _answer(probabilities, every, form.confidence, revision.revision)
+
+
+def _candidates(form: EvaluateForm) -> list[Candidate]:
+    for i, order in enumerate(form.orders):
+        if not 0 <= order <= 64:
+            raise InvalidInputError.at(f"orders[{i}]", "an order is 0 to 64")
+    names = dict.fromkeys(form.estimators or DEFAULT_ESTIMATORS)
+    orders = dict.fromkeys(form.orders)
+    return [(name, order) for name in names for order in ((0,) if name == "static" else orders)]
+
+
+def _training(ctx: Context, place: LocationRecord, revision: RevisionRecord, form: EvaluateForm) -> RevisionRecord:
+    first, last = window(ctx, place)
+    start = revision.start if form.train_start is None else max(first, int(place.base.sample(form.train_start)))
+    stop = revision.stop if form.train_stop is None else min(last, int(place.base.sample(form.train_stop)))
+    if stop <= start:
+        raise InvalidInputError.at("train_stop", "the training window is empty; widen it")
+    return replace(revision, start=start, stop=stop)
+
+
+def _trials(
+    ctx: Context,
+    place: LocationRecord,
+    train: RevisionRecord,
+    form: EvaluateForm,
+    candidates: list[Candidate],
+) -> Iterator[_Trial]:
+    recipes = {candidate: recipe_for(place, train, *candidate) for candidate in candidates}
+
+    def trial(history: History, time: NDArray[np.float64], states: NDArray[np.uint8]) -> _Trial:
+        return _Trial(time, states, _fit_all(history, recipes, place))
+
+    if form.time is not None or form.state is not None:
+        time, given = _given(place, form)
+        yield trial(read_history(ctx, place, 0, train.start, train.stop), time, given)
+        return
+    start, stop = _tested(ctx, place, form)
+    step = max(1, place.n_cells * (stop - start) * len(candidates) // MAX_VALUES)
+    for chunk in range(place.n_chunks):
+        cells = np.arange(chunk % step, place.chunk_size(chunk), step)
+        try:
+            states = read_history(ctx, place, chunk, start, stop).cells(cells).states()
+            past = read_history(ctx, place, chunk, train.start, train.stop).cells(cells)
+        except CorruptChunkError:
+            if place.n_chunks == 1:
+                raise
+            continue
+        yield trial(past, place.base.time(np.arange(start, stop)), states)
+
+
+def _fit_all(history: History, recipes: dict[Candidate, Recipe], place: LocationRecord) -> dict[Candidate, Spectrum]:
+    """Every candidate's spectrum; `fft` is fitted once, its smaller orders are the first components."""
+    most = max(
+        (recipe for recipe in recipes.values() if recipe.estimator == "fft"), key=attrgetter("order"), default=None
+    )
+    largest = None if most is None else fit_recipe(history, most, place.base)
+    return {
+        candidate: truncate(largest, recipe.order)
+        if largest is not None and recipe.estimator == "fft"
+        else fit_recipe(history, recipe, place.base)
+        for candidate, recipe in recipes.items()
+    }
+
+
+def _given(place: LocationRecord, form: EvaluateForm) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+    if place.kind != "state":
+        raise InvalidInputError.at(
+            "time", "measurements can be given for kind 'state' only; post them and use start, stop"
+        )
+    if form.time is None or form.state is None or len(form.time) != len(form.state):
+        raise InvalidInputError.at("state", "time and state must both be given and be of one length")
+    time, state = np.asarray(form.time, np.float64), np.asarray(form.state, np.uint8)
+    inside = np.ones(len(time), bool)
+    if form.start is not None:
+        inside &= time >= form.start
+    if form.stop is not None:
+        inside &= time < form.stop
+    return time[inside], state[inside][np.newaxis, :]
+
+
+def _tested(ctx: Context, place: LocationRecord, form: EvaluateForm) -> tuple[int, int]:
+    first, last = window(ctx, place)
+    start = first if form.start is None else max(first, int(place.base.sample(form.start)))
+    stop = last if form.stop is None else min(last, int(place.base.sample(form.stop)))
+    if stop <= start:
+        raise InvalidInputError.at("stop", "nothing was observed between start and stop; widen the range")
+    return start, stop
+
+
+def _answer(
+    probabilities: dict[Candidate, NDArray[np.float32]],
+    states: NDArray[np.uint8],
+    confidence: float | None,
+    revision: int,
+) -> Evaluation:
+    rows = [_row(candidate, p, states, confidence) for candidate, p in probabilities.items()]
+    scored = [row for row in rows if row.n]
+    if not scored:
+        raise InvalidInputError.at("start", "no cell observed then was observed in the training window")
+    best = min(scored, key=lambda row: row.log_loss)
+    table = reliability(probabilities[best.estimator, best.order], states)
+    filled = zip(table.probability_mean, table.observed_rate, table.count, strict=True)
+    return Evaluation(
+        results=scored,
+        best=Best(estimator=best.estimator, order=best.order),
+        reliability=[ReliabilityRow(probability=float(p), observed=float(s), n=int(n)) for p, s, n in filled if n],
+        revision=revision,
+    )
+
+
+def _row(
+    candidate: Candidate,
+    probability: NDArray[np.float32],
+    states: NDArray[np.uint8],
+    confidence: float | None,
+) -> EvaluationRow:
+    scores = score(probability, states)
+    error = scores.error
+    if confidence is not None:
+        known = ~np.isnan(probability)
+        error = float(np.mean((probability[known] > confidence) != (states[known] == OCCUPIED)))
+    return EvaluationRow(
+        estimator=candidate[0],
+        order=candidate[1],
+        error=error,
+        brier=scores.brier,
+        log_loss=scores.log_loss,
+        n=scores.n,
+    )

@@ -1,0 +1,248 @@
+"""The history of locations: compacted segments and the log's tail together."""
+
+from bisect import bisect_left
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tidemap.errors import CorruptChunkError
+from tidemap.services.context import Context
+from tidemap.spectral.history import NEVER, UNOBSERVED, History
+from tidemap.spectral.measurements import Measurements
+from tidemap.spectral.segment import SEGMENT_SAMPLES, Segment, merge
+from tidemap.storage.observations import Tail
+from tidemap.storage.records import CHUNK_CELLS, LocationRecord
+from tidemap.storage.work import Work
+
+LEAST_BYTES = 5
+"""Memory of an unpacked measurement at least: a cell and a state, where all of a post are of one time."""
+NOTHING = Measurements.concatenate([])
+CHUNK_BITS = 1 << 27
+"""Cells times samples of a chunk that are held at once: one measurement of 1970 must not fill the memory."""
+
+
+def span(place: LocationRecord) -> tuple[int, int]:
+    """Samples [start, stop) from the first to the last measurement; (0, 0) without any."""
+    if place.first_time is None or place.last_time is None:
+        return 0, 0
+    return int(place.base.sample(place.first_time)), int(place.base.sample(place.last_time)) + 1
+
+
+def window(ctx: Context, place: LocationRecord) -> tuple[int, int]:
+    """The part of `span` that is modelled: its latest `max_samples` samples, fewer where a chunk would be too large."""
+    start, stop = span(place)
+    most = min(ctx.settings.max_samples, CHUNK_BITS // min(place.n_cells, CHUNK_CELLS))
+    return max(start, stop - most), stop
+
+
+def read_history(ctx: Context, place: LocationRecord, chunk: int, start: int, stop: int) -> History:
+    """What was observed in one chunk until now over samples [start, stop), held where the location says so."""
+    with ctx.store.read() as work:
+        place = work.locations.by_id(place.id)
+        history = _stored(ctx, work, place, chunk, start - (place.hold_samples or 0), stop)
+    return _held(place, history, start, stop)
+
+
+def read_compacted(ctx: Context, place: LocationRecord, chunk: int, start: int, stop: int) -> History:
+    """The same of what is compacted alone, which nobody's posts change meanwhile; nothing of it is kept for others."""
+    with ctx.store.read() as work:
+        place = work.locations.by_id(place.id)
+        settled = replace(place, observation_seq=place.compacted_seq)
+        try:
+            history = _whole(ctx, work, settled, chunk, start - (place.hold_samples or 0), stop)
+        except CorruptChunkError as error:
+            ctx.damage.found(place.id, error)
+            raise
+    return _held(place, history, start, stop)
+
+
+def _held(place: LocationRecord, history: History, start: int, stop: int) -> History:
+    """Samples [start, stop), a state held until the next measurement where the location says so."""
+    if place.hold_samples is not None:
+        history = history.window(history.start, max(history.stop, stop)).hold(place.hold_samples)
+    return history.window(start, stop)
+
+
+def read_cell(ctx: Context, place: LocationRecord, cell: int, start: int, stop: int) -> History:
+    """The history of one cell over samples [start, stop)."""
+    return read_history(ctx, place, cell // CHUNK_CELLS, start, stop).cells(np.array([cell % CHUNK_CELLS]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LastSeen:
+    """state (n,) uint8 and sample (n,) int64: UNOBSERVED and NEVER where there is none, or its chunk is damaged."""
+
+    state: NDArray[np.uint8]
+    sample: NDArray[np.int64]
+    damaged: list[int]
+
+
+def last_seen(ctx: Context, place: LocationRecord, sample: int, cells: NDArray[np.int64]) -> LastSeen:
+    """The latest measurement at or before `sample`, of some cells (ascending).
+
+    Reads segments backwards, as far as some cell has not been found.
+    """
+    damaged = []
+    state = np.full(len(cells), UNOBSERVED, np.uint8)
+    seen = np.full(len(cells), NEVER, np.int64)
+    start, stop = window(ctx, place)
+    borders = np.searchsorted(cells, np.arange(place.n_chunks + 1) * CHUNK_CELLS)
+    for chunk in np.flatnonzero(np.diff(borders)).tolist():
+        missing = np.arange(borders[chunk], borders[chunk + 1])
+        end = min(sample + 1, stop)
+        try:
+            while end > start and len(missing):
+                begin = max(start, (end - 1) // SEGMENT_SAMPLES * SEGMENT_SAMPLES)
+                found, at = _read_known(ctx, place, chunk, begin, end).last_seen(sample)
+                local = cells[missing] - chunk * CHUNK_CELLS
+                state[missing], seen[missing] = found[local], at[local]
+                missing, end = missing[seen[missing] == NEVER], begin
+        except CorruptChunkError:
+            damaged.append(chunk)
+            state[missing] = UNOBSERVED
+    return LastSeen(state, seen, damaged)
+
+
+def _read_known(ctx: Context, place: LocationRecord, chunk: int, start: int, stop: int) -> History:
+    """What was measured in one chunk over samples [start, stop) and, uncopied, in those around them."""
+    with ctx.store.read() as work:
+        return _stored(ctx, work, work.locations.by_id(place.id), chunk, start, stop)
+
+
+def _stored(ctx: Context, work: Work, place: LocationRecord, chunk: int, start: int, stop: int) -> History:
+    """As `_whole`, kept for the next that asks."""
+    first, last = _segments(place, start, stop)
+    if last < first:
+        return _whole(ctx, work, place, chunk, start, stop)
+    version = (place.compacted_seq, place.observation_seq)
+    load = partial(_whole, ctx, work, place, chunk, start, stop)
+    try:
+        return ctx.histories.get((place.id, chunk, first, last), version, load)
+    except CorruptChunkError as error:
+        ctx.damage.found(place.id, error)
+        raise
+
+
+def _whole(ctx: Context, work: Work, place: LocationRecord, chunk: int, start: int, stop: int) -> History:
+    """At least [start, stop), in whole segments, but never further than the measurements reach."""
+    first, last = _segments(place, start, stop)
+    if last < first:
+        return History.empty(place.chunk_size(chunk), max(start, span(place)[0]), 0)
+    return _assemble(ctx, work, place, chunk, first, last)
+
+
+def _segments(place: LocationRecord, start: int, stop: int) -> tuple[int, int]:
+    """The first and the last segment with measurements of samples [start, stop); without any the last is before it."""
+    known_start, known_stop = span(place)
+    start, stop = max(start, known_start), min(stop, known_stop)
+    first = start // SEGMENT_SAMPLES
+    return first, (stop - 1) // SEGMENT_SAMPLES if stop > start else first - 1
+
+
+def _assemble(ctx: Context, work: Work, place: LocationRecord, chunk: int, first: int, last: int) -> History:
+    whole = History.empty(place.chunk_size(chunk), first * SEGMENT_SAMPLES, (last - first + 1) * SEGMENT_SAMPLES)
+    new = dict(by_segment(place, _tail(ctx, work, place, chunk)))
+    for number, segment in work.segments.of_chunk(place, chunk, first, last):
+        _lay(whole, merge(segment, new.pop(number, NOTHING), place.base))
+    for number, measured in new.items():
+        if first <= number <= last:
+            _lay(whole, merge(Segment.empty(place.chunk_size(chunk), number), measured, place.base))
+    return whole
+
+
+def _lay(whole: History, segment: Segment) -> None:
+    """In place: the planes of a segment where they belong."""
+    first = (segment.history.start - whole.start) // 8
+    part = slice(first, first + SEGMENT_SAMPLES // 8)
+    whole.observed[:, part] = segment.history.observed
+    whole.occupied[:, part] = segment.history.occupied
+
+
+def _tail(ctx: Context, work: Work, place: LocationRecord, chunk: int) -> Measurements:
+    """What is not compacted yet of one chunk, its cells counted from its first."""
+    if place.observation_seq == place.compacted_seq:
+        # Nothing, or whoever asks wants what is compacted alone, and others hold what is not.
+        _let_go(ctx, place)
+        return NOTHING
+    tail = ctx.tails.held(place.id, _version(place))
+    if tail is None:
+        tail = _read_on(ctx, work, place) or _read_chunk(work, place, chunk)
+        _tell(ctx, place, tail)
+    return Measurements.concatenate([of_chunk(part, chunk) for _, part in tail.parts])
+
+
+def _let_go(ctx: Context, place: LocationRecord) -> None:
+    """Forget what is held of a tail, where all of it is compacted."""
+    known = ctx.tails.latest(place.id)
+    if known is not None and cast(tuple[int, int], known[0])[1] <= place.compacted_seq:
+        ctx.tails.drop(lambda key: key == place.id)
+
+
+def _version(place: LocationRecord) -> tuple[int, int]:
+    """A tail begins after the first of these observations and ends with the second."""
+    return place.compacted_seq, place.observation_seq
+
+
+def _read_on(ctx: Context, work: Work, place: LocationRecord) -> Tail | None:
+    """The whole tail, every part sorted by chunk, kept for other chunks and later questions: of an earlier one what is
+    held, and what has come in since. None where it is too long to be held: unpacked it would only take memory."""
+    if not ctx.tails.takes(work.observations.pending(place) * LEAST_BYTES):
+        return None
+    # One at a time: the others need not read what the first has read, nor hold as much at once.
+    with ctx.reading_on:
+        parts, since = _known(ctx, place)
+        new = work.observations.tail(replace(place, compacted_seq=since), choose=by_chunk)
+        return ctx.tails.get(place.id, _version(place), lambda: Tail(parts + new.parts, new.damage))
+
+
+def _known(ctx: Context, place: LocationRecord) -> tuple[list[tuple[int, Measurements]], int]:
+    """What is held of a tail, of this moment or another, and through which observation."""
+    known = ctx.tails.latest(place.id)
+    if known is not None:
+        (compacted, through), held = cast(tuple[int, int], known[0]), known[1]
+        if compacted <= place.compacted_seq <= through:
+            first, last = _version(place)
+            return [part for part in held.parts if first < part[0] <= last], min(through, last)
+    return [], place.compacted_seq
+
+
+def _read_chunk(work: Work, place: LocationRecord, chunk: int) -> Tail:
+    """What a tail holds of one chunk, of which nothing is kept."""
+    first, stop = chunk * CHUNK_CELLS, (chunk + 1) * CHUNK_CELLS
+    return work.observations.tail(place, choose=lambda part: part.select((part.cell >= first) & (part.cell < stop)))
+
+
+def _tell(ctx: Context, place: LocationRecord, tail: Tail) -> None:
+    for error in tail.damage.values():
+        ctx.damage.found(place.id, error)
+
+
+def by_chunk(part: Measurements) -> Measurements:
+    """The same sorted by chunk and within it as they were; a single look is so already."""
+    chunks = part.cell // np.uint32(CHUNK_CELLS)
+    return part if (chunks[1:] >= chunks[:-1]).all() else part.select(np.argsort(chunks, kind="stable"))
+
+
+def of_chunk(sorted_: Measurements, chunk: int) -> Measurements:
+    """Those of one chunk, their cells counted from its first."""
+    first = chunk * CHUNK_CELLS
+    # The cells are not sorted, but on which side of a chunk's border they lie is. Numpy's search would let go of the
+    # interpreter, and wait for its turn again in every part of a long tail.
+    some = sorted_.select(slice(bisect_left(sorted_.cell, first), bisect_left(sorted_.cell, first + CHUNK_CELLS)))
+    return Measurements(some.time, some.cell - np.uint32(first), some.state)
+
+
+def by_segment(place: LocationRecord, measurements: Measurements) -> Iterator[tuple[int, Measurements]]:
+    """The measurements of each segment, by its number."""
+    if not len(measurements):
+        return
+    numbers = measurements.samples(place.base) // SEGMENT_SAMPLES
+    if numbers.min() == numbers.max():
+        yield int(numbers[0]), measurements
+        return
+    for number in np.unique(numbers).tolist():
+        yield number, measurements.select(numbers == number)

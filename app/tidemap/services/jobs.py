@@ -1,0 +1,141 @@
+"""Jobs: asking for long work, following it, running it."""
+
+import logging
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict
+from typing import Any
+
+from tidemap.errors import (
+    BusyError,
+    JobFinishedError,
+    JobNotFoundError,
+    TidemapError,
+    refuse_reversed,
+)
+from tidemap.events.messages import Message
+from tidemap.schemas.jobs import Job
+from tidemap.services.context import Context
+from tidemap.services.update import Executor, UpdateRequest, run_update
+from tidemap.storage.records import JobRecord, RevisionRecord
+from tidemap.storage.work import Work
+
+log = logging.getLogger(__name__)
+PROGRESS_STEP = 0.02
+
+
+def request_update(ctx: Context, name: str, request: UpdateRequest) -> Job:
+    """Queue an update. Raises LocationNotFoundError, InvalidInputError."""
+    refuse_reversed(request.start, request.stop)
+    record = ctx.store.write(
+        lambda work: work.jobs.create(work.locations.get(name).id, "update", asdict(request), ctx.clock())
+    )
+    _tell(ctx, record)
+    return wire(record)
+
+
+def get_job(ctx: Context, job_id: int) -> Job:
+    """Raises JobNotFoundError."""
+    with ctx.store.read() as work:
+        return wire(work.jobs.get(job_id))
+
+
+def list_jobs(ctx: Context, after: int | None, limit: int) -> list[Job]:
+    """Newest first."""
+    with ctx.store.read() as work:
+        return [wire(record) for record in work.jobs.list(after, limit)]
+
+
+def cancel_job(ctx: Context, job_id: int) -> Job:
+    """Cancel a queued job. Raises JobNotFoundError, JobFinishedError when it is past that."""
+    cancelled = ctx.store.write(
+        lambda work: work.jobs.transition(job_id, "queued", state="cancelled", finished_at=ctx.clock())
+    )
+    with ctx.store.read() as work:
+        record = work.jobs.get(job_id)
+    if not cancelled:
+        raise JobFinishedError(job_id, record.state)
+    _tell(ctx, record)
+    return wire(record)
+
+
+def claim_job(ctx: Context, busy: frozenset[int]) -> JobRecord | None:
+    """The next queued job of a location that is not busy, now running."""
+    with ctx.store.read() as work:
+        if not work.jobs.waiting():
+            return None
+    record = ctx.store.write(lambda work: work.jobs.claim(busy))
+    if record is not None:
+        _tell(ctx, record)
+    return record
+
+
+def requeue_interrupted(ctx: Context) -> None:
+    """Jobs that are said to be running, though nobody runs them, run again."""
+    ctx.store.write(lambda work: work.jobs.requeue_running())
+
+
+def run_job(ctx: Context, record: JobRecord, executor: Executor) -> bool:
+    """Run a claimed job to its end; whether it did what it was to. BusyError leaves it running, to run again later."""
+
+    def done(work: Work, revision: RevisionRecord) -> None:
+        # With the revision: a job that dies between the two would run again, and publish another one.
+        ended = {"state": "done", "progress": 1.0, "result": _result(revision), "finished_at": ctx.clock()}
+        work.jobs.transition(record.id, "running", **ended)
+
+    try:
+        request = UpdateRequest(**record.request)
+        revision = run_update(ctx, record.location_id, request, executor, _reporter(ctx, record), done)
+    except BusyError:
+        raise
+    except TidemapError as error:
+        _fail(ctx, record, str(error))
+    except Exception as error:
+        log.exception("job %d failed", record.id)
+        _fail(ctx, record, f"{type(error).__name__}: {error}")
+    else:
+        _tell_end(ctx, record)
+        ctx.bus.publish(Message("update", record.location, revision.revision, ctx.clock(), _result(revision)))
+        return True
+    return False
+
+
+def _result(revision: RevisionRecord) -> dict[str, Any]:
+    return {name: getattr(revision, name) for name in ("revision", "estimator", "order", "accuracy", "selection")}
+
+
+def _reporter(ctx: Context, record: JobRecord) -> Callable[[float], None]:
+    reported = 0.0
+
+    def report(progress: float) -> None:
+        nonlocal reported
+        if progress - reported >= PROGRESS_STEP and progress < 1:
+            reported = progress
+            with suppress(BusyError):
+                ctx.store.submit(lambda work: work.jobs.progress(record.id, progress))
+
+    return report
+
+
+def _fail(ctx: Context, record: JobRecord, error: str) -> None:
+    ended = {"state": "failed", "error": error, "finished_at": ctx.clock()}
+    ctx.store.write(lambda work: work.jobs.transition(record.id, "running", **ended))
+    _tell_end(ctx, record)
+
+
+def _tell_end(ctx: Context, record: JobRecord) -> None:
+    try:
+        with ctx.store.read() as work:
+            _tell(ctx, work.jobs.get(record.id))
+    except JobNotFoundError:
+        log.info("location %r was deleted while job %d ran", record.location, record.id)
+
+
+def _tell(ctx: Context, record: JobRecord) -> None:
+    told = {"job": record.kind, "state": record.state, "progress": record.progress}
+    ctx.bus.publish(Message("job", record.location, record.id, ctx.clock(), told))
+
+
+def wire(record: JobRecord) -> Job:
+    """A job as the API shows it."""
+    return Job(**{name: getattr(record, name) for name in Job.model_fields})

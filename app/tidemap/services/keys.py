@@ -1,0 +1,129 @@
+"""Keys: making, checking and revoking them. Secrets are random, so a plain hash of them is enough."""
+
+import hashlib
+import hmac
+import secrets
+from dataclasses import dataclass
+from typing import Literal
+
+from tidemap.errors import UnauthorizedError
+from tidemap.schemas.keys import Key, NewKey, Role
+from tidemap.services.context import Context
+from tidemap.storage.records import KeyRecord
+from tidemap.storage.work import Work
+
+PREFIX = "tm_"
+SESSION_S = 7 * 86400.0
+ROLES: tuple[Role, ...] = ("robot", "operator", "admin")
+
+
+@dataclass(frozen=True, slots=True)
+class Principal:
+    """Who asks: a key, or anybody on an open server."""
+
+    name: str
+    role: Role
+    key_id: int | None
+
+
+OPEN = Principal("anybody", "admin", None)
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """Who a secret stood for when it was looked up last, by its hash; without one, anybody on an open server."""
+
+    principal: Principal
+    digest: bytes | None
+
+
+def create_key(ctx: Context, name: str, role: Role) -> NewKey:
+    """A new key with its secret, which is not kept."""
+    secret = PREFIX + secrets.token_urlsafe(32)
+    record = ctx.store.write(lambda work: work.keys.create(name, role, secret[:8], digest_of(secret), ctx.clock()))
+    return NewKey(**_wire(record).model_dump(), key=secret)
+
+
+def list_keys(ctx: Context, after: int | None = None, limit: int | None = None) -> list[Key]:
+    """In order of creation; `after` is the last id of the page before."""
+    with ctx.store.read() as work:
+        return [_wire(record) for record in work.keys.list(after, limit)]
+
+
+def delete_key(ctx: Context, key_id: int) -> None:
+    """Revoke a key. Raises KeyNotFoundError."""
+    ctx.store.write(lambda work: work.keys.delete(key_id))
+
+
+def is_open(ctx: Context) -> bool:
+    """Whether whoever reaches the server may do everything: no key exists, and none is needed to listen here."""
+    if not ctx.settings.keyless:
+        return False
+    with ctx.store.read() as work:
+        return work.keys.none()
+
+
+def confirm(work: Work, claim: Claim) -> None:
+    """Raises UnauthorizedError where a claim is not true any more: the key is revoked, or now there is one."""
+    if claim.digest is None:
+        true = work.keys.none()
+    else:
+        record = work.keys.find(claim.digest)
+        true = record is not None and _principal(record) == claim.principal
+    if not true:
+        raise UnauthorizedError("This key is not known any more. Ask an admin for a new one.")
+
+
+def by_secret(ctx: Context, secret: str) -> Principal:
+    """Who holds a secret. Raises UnauthorizedError."""
+    with ctx.store.read() as work:
+        record = work.keys.find(digest_of(secret))
+    if record is None:
+        raise UnauthorizedError("This key is not known. Check it, or ask an admin for a new one.")
+    return _principal(record)
+
+
+def session_of(ctx: Context, secret: str) -> str:
+    """A token that stands for the key in a browser for a week. Raises UnauthorizedError."""
+    with ctx.store.read() as work:
+        record = work.keys.find(digest_of(secret))
+    if record is None:
+        raise UnauthorizedError("This key is not known. Check it, or ask an admin for a new one.")
+    claim = f"{record.id}.{int(ctx.clock() + SESSION_S)}"
+    return f"{claim}.{_sign(record, claim)}"
+
+
+def by_session(ctx: Context, token: str) -> Principal:
+    """Who holds a session token. Raises UnauthorizedError when it is forged, expired or its key revoked."""
+    claim, _, signature = token.rpartition(".")
+    key_id, _, expires = claim.partition(".")
+    if not (token.isascii() and key_id.isdigit() and expires.isdigit()):
+        raise UnauthorizedError("This session is not known. Sign in again.")
+    with ctx.store.read() as work:
+        record = work.keys.get(int(key_id[:18]))
+    if record is None or not hmac.compare_digest(_sign(record, claim), signature) or int(expires) < ctx.clock():
+        raise UnauthorizedError("This session has ended. Sign in again.")
+    return _principal(record)
+
+
+def allows(role: Role, needed: Literal["robot", "operator", "admin"]) -> bool:
+    """Whether a role may do what `needed` may: admins everything, robots and operators each their own."""
+    return role in {needed, "admin"}
+
+
+def digest_of(secret: str) -> bytes:
+    """What is kept of a secret."""
+    return hashlib.sha256(secret.encode()).digest()
+
+
+def _sign(record: KeyRecord, claim: str) -> str:
+    return hmac.new(record.hash, claim.encode(), hashlib.sha256).hexdigest()
+
+
+def _principal(record: KeyRecord) -> Principal:
+    role: Role = next(role for role in ROLES if role == record.role)
+    return Principal(record.name, role, record.id)
+
+
+def _wire(record: KeyRecord) -> Key:
+    return Key(**{name: getattr(record, name) for name in Key.model_fields})

@@ -1,0 +1,159 @@
+"""Observe: put posted measurements on the time base, judge them, store them durably, tell the others."""
+
+from concurrent.futures import Future
+from functools import partial
+
+from tidemap.errors import CorruptChunkError, IdempotencyConflictError, TidemapError
+from tidemap.events.messages import Message
+from tidemap.ingest.observation import Target, parse
+from tidemap.schemas.anomalies import Event
+from tidemap.services.anomalies import judge
+from tidemap.services.context import Context
+from tidemap.services.keys import confirm
+from tidemap.services.listing import shortened
+from tidemap.services.locations import find_location
+from tidemap.services.posts import Entry, Observed, Post, store_all
+from tidemap.services.spectra import fitted, held
+from tidemap.spectral.measurements import Measurements
+from tidemap.storage.blobs import pack_measurements
+from tidemap.storage.records import AnomalyRecord, LocationRecord, ObservationRecord
+
+QUICK_BYTES, QUICK_LOOKS = 4 << 20, 16
+"""What a post takes at most that is parsed and judged between commits: memory, and moments in it. Some milliseconds."""
+
+
+class NotQuickError(Exception):
+    """A post was small, but has too many moments, or its model is not in memory any more."""
+
+
+def observe(ctx: Context, name: str, post: Post) -> Observed:
+    """Store a post; returns after its durable commit.
+
+    Raises UnauthorizedError, LocationNotFoundError, UnreadableBodyError, InvalidInputError,
+    UnsupportedMediaTypeError, IdempotencyConflictError, BusyError; nothing is stored then.
+    """
+    return begin(ctx, name, post).result()
+
+
+def begin(ctx: Context, name: str, post: Post) -> Future[Observed]:
+    """Parse and judge a post and queue it; the future has what `observe` returns after the durable commit.
+
+    Who sent it and whether its key was used is looked up where it is stored. Raises as `observe`.
+    """
+    return ctx.store.submit_item(store_all, _entry(ctx, name, post), partial(_tell, ctx))
+
+
+def begin_quick(ctx: Context, name: str, post: Post) -> Future[Observed]:
+    """Queue a post as it came: it is parsed and judged by whoever stores it, with those that came meanwhile.
+
+    The future has what `observe` returns or raises, or NotQuickError: then nothing was stored, and `begin` is for it.
+    For posts that are quick as far as can be seen (`is_quick`).
+    """
+    return ctx.store.submit_unmade(store_all, partial(_quick_entry, ctx, name, post), partial(_tell, ctx))
+
+
+def is_quick(ctx: Context, name: str, post: Post) -> bool:
+    """Whether a post is small and what it is judged by is in memory. Costs nothing, as it is asked on the way."""
+    if len(post.body.content) * post.body.cost > QUICK_BYTES:
+        return False
+    place = ctx.places.lately(name)
+    return place is not None and _can_judge(ctx, place)
+
+
+def _can_judge(ctx: Context, place: LocationRecord) -> bool:
+    """Whether nothing has to be read for it."""
+    return not place.revision or held(ctx, place) is not None
+
+
+def _entry(ctx: Context, name: str, post: Post) -> Entry:
+    """What is to be stored of a post, parsed and judged. Raises as `observe`."""
+    return _judged(ctx, post, *_parsed(ctx, name, post))
+
+
+def _quick_entry(ctx: Context, name: str, post: Post) -> Entry:
+    """As `_entry`. Raises NotQuickError."""
+    place, measurements = _parsed(ctx, name, post)
+    if len(measurements.heads) > QUICK_LOOKS or not _can_judge(ctx, place):
+        raise NotQuickError
+    return _judged(ctx, post, place, measurements)
+
+
+def _parsed(ctx: Context, name: str, post: Post) -> tuple[LocationRecord, Measurements]:
+    """The location and what was measured there."""
+    try:
+        place = ctx.places.get(name, partial(find_location, ctx))
+        return place, parse(post.body, Target(place.kind, place.cells, ctx.clock() + ctx.settings.future_s))
+    except TidemapError:
+        _refuse(ctx, name, post)
+        raise
+
+
+def _judged(ctx: Context, post: Post, place: LocationRecord, measurements: Measurements) -> Entry:
+    place, events = _events(ctx, place, measurements)
+    return Entry(place, post, _record(ctx, post, measurements), events)
+
+
+def _refuse(ctx: Context, name: str, post: Post) -> None:
+    """Of a post that is wrong, what is to be said before that.
+
+    Raises UnauthorizedError, LocationNotFoundError, IdempotencyConflictError.
+    """
+    key = post.idempotency_key
+    with ctx.store.read() as work:
+        if post.claim is not None:
+            confirm(work, post.claim)
+        place = work.locations.get(name)
+        if key is not None and work.observations.digests(place.id, [key]):
+            raise IdempotencyConflictError(key)
+
+
+def _events(
+    ctx: Context, place: LocationRecord, measurements: Measurements
+) -> tuple[LocationRecord, list[AnomalyRecord]]:
+    """The events among the measurements by the current revision, and the location as it has that.
+
+    Without a model nothing is a surprise; that it is damaged does not keep anybody from posting.
+    """
+    if not place.revision:
+        return place, []
+    spectrum = held(ctx, place)
+    if spectrum is None:
+        try:
+            fit = fitted(ctx, place.name)
+        except CorruptChunkError as error:
+            ctx.damage.found(place.id, error)
+            return place, []
+        if fit.place.id != place.id:
+            # Another one took its name meanwhile: this post was for one that is gone, as its storing will find.
+            return place, []
+        place, spectrum = fit.place, fit.spectrum
+    return place, judge(place, spectrum, measurements)
+
+
+def _record(ctx: Context, post: Post, measurements: Measurements) -> ObservationRecord:
+    return ObservationRecord(
+        received_at=ctx.clock(),
+        source=post.source,
+        measurements=len(measurements),
+        first_time=float(measurements.time[0]),
+        last_time=float(measurements.time[-1]),
+        idempotency_key=post.idempotency_key,
+        body_hash=post.body.digest if post.idempotency_key is not None else None,
+        payload=pack_measurements(measurements),
+    )
+
+
+def _tell(ctx: Context, stored: Observed) -> None:
+    """Tell of a post in the order of the commits: who resumes behind the last event it heard of has missed none."""
+    if stored.duplicate:
+        return
+    now = ctx.clock()
+    told = {"measurements": stored.accepted, "source": stored.source, "last_time": stored.last_time}
+    ctx.bus.publish(Message("observation", stored.location, stored.number, now, told))
+    for event in stored.anomalies:
+        ctx.bus.publish(anomaly_message(event, now))
+
+
+def anomaly_message(event: Event, now: float) -> Message:
+    """The message of a stored event."""
+    return Message("anomaly", event.location, event.id or 0, now, shortened(event).model_dump(mode="json"))

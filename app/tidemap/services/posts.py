@@ -1,0 +1,120 @@
+"""Posts: what was sent, what became of it, and storing many of them in one transaction."""
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from tidemap.errors import IdempotencyConflictError, LocationNotFoundError, TidemapError, UnauthorizedError
+from tidemap.ingest.observation import Body
+from tidemap.schemas.anomalies import Event
+from tidemap.services.anomalies import wire
+from tidemap.services.keys import Claim, confirm
+from tidemap.storage.records import AnomalyRecord, LocationRecord, ObservationRecord
+from tidemap.storage.work import Work
+
+
+@dataclass(frozen=True, slots=True)
+class Post:
+    """A body with what its sender says about it, and who that is where it has not been made sure of yet."""
+
+    body: Body
+    source: str | None = None
+    idempotency_key: str | None = None
+    claim: Claim | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Observed:
+    """What became of a post; events carry their ids. A duplicate has no number of its own."""
+
+    location: str
+    source: str | None
+    number: int
+    accepted: int
+    duplicate: bool
+    first_time: float | None
+    last_time: float | None
+    anomalies: list[Event]
+    revision: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Entry:
+    """A post that is parsed and judged: what is to be stored of it."""
+
+    place: LocationRecord
+    post: Post
+    record: ObservationRecord
+    events: list[AnomalyRecord]
+
+
+Outcome = Observed | TidemapError
+
+
+def store_all(work: Work, entries: Sequence[Entry]) -> list[Outcome]:
+    """Store what has not been stored yet of some posts, in their order; of each what became of it.
+
+    Of one whose sender is not known any more, whose key was used for another body or whose location is gone, it is
+    the error, and nothing is stored. Locations are locked in the order of their ids, so that no two processes wait
+    for each other.
+    """
+    outcome: dict[Entry, Outcome] = {}
+    numbers: dict[Entry, int] = {}
+    claims = {claim: _confirmed(work, claim) for claim in {entry.post.claim for entry in entries}}
+    for place_id, group in sorted(_by_place(entries).items()):
+        fresh = []
+        known = work.observations.digests(place_id, [key for entry in group if (key := entry.record.idempotency_key)])
+        for entry in group:
+            settled = claims[entry.post.claim] or _settled(entry, known)
+            if settled is None:
+                fresh.append(entry)
+            else:
+                outcome[entry] = settled
+        first = work.observations.append(place_id, [entry.record for entry in fresh]) if fresh else 0
+        if first is None:
+            outcome |= {entry: LocationNotFoundError(entry.place.name) for entry in fresh}
+        else:
+            numbers |= {entry: number for number, entry in enumerate(fresh, first)}
+    # After the last location, for what numbers events is locked, too; in the order in which they will be told.
+    outcome |= _with_events(work, {entry: numbers[entry] for entry in entries if entry in numbers})
+    return [outcome[entry] for entry in entries]
+
+
+def _by_place(entries: Sequence[Entry]) -> dict[int, list[Entry]]:
+    groups = defaultdict(list)
+    for entry in entries:
+        groups[entry.place.id].append(entry)
+    return groups
+
+
+def _confirmed(work: Work, claim: Claim | None) -> UnauthorizedError | None:
+    """What is wrong with a claim."""
+    try:
+        if claim is not None:
+            confirm(work, claim)
+    except UnauthorizedError as error:
+        return error
+    return None
+
+
+def _settled(entry: Entry, known: dict[str, bytes]) -> Outcome | None:
+    """What becomes of a post whose key was used before; None of a new one, whose key is known from now on."""
+    key, digest = entry.record.idempotency_key, entry.record.body_hash
+    if key is None or digest is None:
+        return None
+    if key not in known:
+        known[key] = digest
+        return None
+    if known[key] != digest:
+        return IdempotencyConflictError(key)
+    return Observed(entry.place.name, entry.record.source, 0, 0, True, None, None, [], entry.place.revision)
+
+
+def _with_events(work: Work, numbers: Mapping[Entry, int]) -> Iterable[tuple[Entry, Outcome]]:
+    """Store the events of posts that are stored under these numbers."""
+    events = iter(work.anomalies.append([event for entry in numbers for event in entry.events]))
+    for entry, number in numbers.items():
+        record, place = entry.record, entry.place
+        stored = [wire(place, next(events)) for _ in entry.events]
+        what = (number, record.measurements, False, record.first_time, record.last_time)
+        yield entry, Observed(place.name, record.source, *what, stored, place.revision)

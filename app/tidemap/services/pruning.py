@@ -1,0 +1,43 @@
+"""Pruning: what has served its time goes, a little at a time; histories, spectra and anomalies are never touched."""
+
+from collections.abc import Callable
+from itertools import product
+
+from tidemap.services.context import Context
+
+ROWS = 1000
+"""Rows that one transaction deletes at most."""
+KEPT_JOBS = 10
+"""Finished jobs of a location that stay however old they are."""
+
+
+def prune(ctx: Context, check: Callable[[], None] = lambda: None) -> int:
+    """Delete idempotency keys, with the rows of the log that stood for them alone, and finished jobs; how many rows.
+
+    Both only after the time that the settings say. `check` is called between two transactions; what it raises ends
+    this. Raises BusyError.
+    """
+    with ctx.store.read() as work:
+        locations = list(work.locations.names())
+    pruned = 0
+    for location_id, step in product(locations, (_prune_log, _prune_jobs)):
+        deleted = ROWS
+        while deleted == ROWS:
+            check()
+            deleted = step(ctx, location_id)
+            pruned += deleted
+    return pruned
+
+
+def _prune_log(ctx: Context, location_id: int) -> int:
+    before = ctx.clock() - ctx.settings.idempotency_s
+    with ctx.store.read() as work:
+        last = work.observations.prunable(location_id, before, ROWS)
+    return 0 if last is None else ctx.store.write(lambda work: work.observations.prune(location_id, last))
+
+
+def _prune_jobs(ctx: Context, location_id: int) -> int:
+    before = ctx.clock() - ctx.settings.jobs_s
+    with ctx.store.read() as work:
+        old = work.jobs.finished_before(location_id, before, KEPT_JOBS, ROWS)
+    return ctx.store.write(lambda work: work.jobs.delete(location_id, old)) if old else 0

@@ -1,0 +1,82 @@
+"""One cell over time: what was predicted and what was observed."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tidemap.errors import InvalidInputError, refuse_reversed
+from tidemap.services.context import Context
+from tidemap.services.history import read_cell, window
+from tidemap.services.predict import check_cell, state_or_unknown
+from tidemap.services.spectra import fitted
+from tidemap.spectral.history import UNOBSERVED
+from tidemap.spectral.prediction import predict_times
+from tidemap.storage.records import LocationRecord
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeriesView:
+    """One cell over time, (n,) each; state and observed are 2 where unknown, observed is that of the time's sample."""
+
+    cell: int
+    time: NDArray[np.float64]
+    probability: NDArray[np.float32]
+    state: NDArray[np.uint8]
+    observed: NDArray[np.uint8]
+    revision: int
+
+
+def series(
+    ctx: Context,
+    name: str,
+    cell: int = 0,
+    start: float | None = None,
+    stop: float | None = None,
+    step: float | None = None,
+) -> SeriesView:
+    """One cell over [start, stop), by default all of its history at every sample.
+
+    Without a model the probability is NaN and the revision 0. Raises LocationNotFoundError, CellNotFoundError,
+    CorruptChunkError, InvalidInputError.
+    """
+    with ctx.store.read() as work:
+        place = work.locations.get(name)
+    check_cell(place, cell)
+    first, last = window(ctx, place)
+    start = float(place.base.time(first)) if start is None else start
+    stop = float(place.base.time(last)) if stop is None else stop
+    time = _times(ctx, start, stop, place.interval_s if step is None else step)
+    probability = np.full(len(time), np.nan, np.float32)
+    revision = 0
+    if place.revision:
+        model = fitted(ctx, name)
+        model.check_readable([cell])
+        probability, revision = (
+            predict_times(model.spectrum, time, np.array([cell]))[0],
+            model.revision.revision,
+        )
+    observed = _observed_at(ctx, place, cell, time)
+    return SeriesView(cell, time, probability, state_or_unknown(probability, place.confidence), observed, revision)
+
+
+def _times(ctx: Context, start: float, stop: float, step: float) -> NDArray[np.float64]:
+    if not step > 0:
+        raise InvalidInputError.at("step", "give a positive number of seconds")
+    refuse_reversed(start, stop)
+    most = ctx.settings.max_points
+    if stop - start > most * step:
+        raise InvalidInputError.at("step", f"these are more than {most} times; use a longer step or a shorter range")
+    return np.asarray(start + step * np.arange(int(np.ceil((stop - start) / step))), np.float64)
+
+
+def _observed_at(ctx: Context, place: LocationRecord, cell: int, time: NDArray[np.float64]) -> NDArray[np.uint8]:
+    first, last = window(ctx, place)
+    sample = place.base.sample(time)
+    inside = (sample >= first) & (sample < last)
+    observed = np.full(len(time), UNOBSERVED, np.uint8)
+    if inside.any():
+        low, high = int(sample[inside].min()), int(sample[inside].max()) + 1
+        states = read_cell(ctx, place, cell, low, high).states()[0]
+        observed[inside] = states[sample[inside] - low]
+    return observed

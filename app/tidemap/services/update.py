@@ -1,0 +1,232 @@
+"""Update: refit spectrum and outliers of a location from its history (the paper's model update)."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+
+from tidemap.errors import CorruptChunkError, InvalidInputError
+from tidemap.services.compaction import compact, forget
+from tidemap.services.context import Context
+from tidemap.services.history import read_compacted, window
+from tidemap.spectral.history import History
+from tidemap.spectral.model import fit_part
+from tidemap.spectral.outliers import count_outliers
+from tidemap.spectral.recipe import Recipe
+from tidemap.spectral.selection import Selection, choose
+from tidemap.spectral.window import fit_window
+from tidemap.storage.records import LocationRecord, RevisionRecord
+from tidemap.storage.work import Work
+
+Item = TypeVar("Item")
+Value = TypeVar("Value")
+SELECTION_CELLS = 64
+"""Changing cells that decide for all."""
+ORDERS = (1, 2, 3, 5, 10, 15)
+"""Orders of `fft` that are tried."""
+
+
+class Executor(Protocol):
+    """Runs independent tasks, possibly at once; results in the order of the items."""
+
+    def map(self, task: Callable[[Item], Value], items: Iterable[Item]) -> Iterable[Value]:
+        """Results, as they become known in order."""
+        ...
+
+    def check(self) -> None:
+        """Raises ShuttingDownError where nothing more is to be begun."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class UpdateRequest:
+    """What to fit; None leaves the choice to the location's settings and to `fit_window`."""
+
+    start: float | None = None
+    stop: float | None = None
+    estimator: str | None = None
+    order: int | str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """An update with everything decided. Samples [start, stop) are fitted, `history` is the span of outliers."""
+
+    place: LocationRecord
+    number: int
+    recipe: Recipe
+    start: int
+    stop: int
+    history: tuple[int, int]
+    selection: Selection | None
+
+
+def run_update(
+    ctx: Context,
+    location_id: int,
+    request: UpdateRequest,
+    executor: Executor,
+    progress: Callable[[float], None],
+    also: Callable[[Work, RevisionRecord], object] = lambda work, revision: None,
+) -> RevisionRecord:
+    """A new revision, visible once its last chunk is stored. Chunks whose history is damaged are left out of it.
+
+    `also` writes in the transaction that makes it visible.
+    Raises LocationNotFoundError, InvalidInputError when there is nothing to fit, CorruptChunkError when nothing of it
+    can be read, ShuttingDownError when the executor is closed.
+    """
+    with ctx.store.read() as work:
+        place = work.locations.by_id(location_id)
+    compact(ctx, place, executor.check)
+    forget(ctx, place)
+    progress(0.1)
+    plan = _plan(ctx, place, request, executor.check)
+    wrong = observed = 0
+    damage: list[CorruptChunkError] = []
+    for i, fit in enumerate(executor.map(lambda chunk: _update_chunk(ctx, plan, chunk), range(plan.place.n_chunks))):
+        if isinstance(fit, CorruptChunkError):
+            damage.append(fit)
+        else:
+            wrong, observed = wrong + fit.wrong, observed + fit.observed
+        progress(0.1 + 0.9 * (i + 1) / plan.place.n_chunks)
+    if len(damage) == plan.place.n_chunks:
+        raise damage[0]
+    if not damage:
+        ctx.damage.forget(plan.place.id)
+    record = _revision(ctx, plan, 1 - wrong / observed if observed else None)
+
+    def publish(work: Work) -> None:
+        work.spectra.publish(record)
+        also(work, record)
+
+    ctx.store.write(publish, lambda _: ctx.places.forget())
+    ctx.spectra.drop(lambda key: isinstance(key, tuple) and key[0] == plan.place.id)
+    return record
+
+
+def _plan(ctx: Context, before: LocationRecord, request: UpdateRequest, check: Callable[[], None]) -> Plan:
+    """The plan of an update of what had come in `before`; what came in since waits for the next."""
+    with ctx.store.read() as work:
+        place = _limited(work.locations.by_id(before.id), before)
+        number = work.spectra.next_number(place.id)
+    history = window(ctx, place)
+    asked = _asked_samples(place, history, request)
+    selection = _select(ctx, place, asked, request, check)
+    start, stop = asked
+    if selection.estimator == "fft" and request.start is None and request.stop is None:
+        start, stop = fit_window(start, stop, place.interval_s)
+    tried = selection if selection.reason else None
+    return Plan(place, number, selection.recipe, start, stop, history, tried)
+
+
+def _limited(now: LocationRecord, before: LocationRecord) -> LocationRecord:
+    """The location as it is now, without what it has counted since."""
+    if now.first_time is None or now.last_time is None or before.first_time is None or before.last_time is None:
+        return replace(now, first_time=None, last_time=None)
+    return replace(
+        now,
+        observation_seq=before.observation_seq,
+        measurements=min(now.measurements, before.measurements),
+        first_time=max(now.first_time, before.first_time),
+        last_time=min(now.last_time, before.last_time),
+    )
+
+
+def _asked_samples(place: LocationRecord, history: tuple[int, int], request: UpdateRequest) -> tuple[int, int]:
+    """The part of the history to learn from, by default all of it."""
+    first, last = history
+    if last <= first:
+        raise InvalidInputError.at("location", f"{place.name!r} has no observations yet; post some first")
+    start = first if request.start is None else max(first, int(place.base.sample(request.start)))
+    stop = last if request.stop is None else min(last, int(place.base.sample(request.stop)))
+    if stop <= start:
+        raise InvalidInputError.at("stop", "nothing was observed between start and stop; widen the window")
+    return start, stop
+
+
+def _select(
+    ctx: Context, place: LocationRecord, samples: tuple[int, int], request: UpdateRequest, check: Callable[[], None]
+) -> Selection:
+    """`auto`, within what the request and the location leave open; without a reason where they leave nothing."""
+    estimator = request.estimator or place.estimator
+    order = request.order if request.order is not None else (place.order or "auto")
+    if estimator == "static":
+        return Selection(estimator, 0, (), "", 0, place.time_zone)
+    if estimator == "fft" and isinstance(order, int):
+        return Selection(estimator, order, (), "", 0, place.time_zone)
+    orders = ORDERS if order == "auto" else (int(order),)
+    sampled = _sample_cells(ctx, place, samples, check)
+    return choose(sampled, place.base, orders, SELECTION_CELLS, place.time_zone, estimator, check)
+
+
+def _sample_cells(ctx: Context, place: LocationRecord, samples: tuple[int, int], check: Callable[[], None]) -> History:
+    """The histories of changing cells, spread evenly over some chunks that can be read."""
+    n_chunks = min(place.n_chunks, SELECTION_CELLS)
+    parts = [History.empty(0, samples[0], samples[1] - samples[0])]
+    for chunk in np.linspace(0, place.n_chunks - 1, n_chunks).astype(int).tolist():
+        check()
+        try:
+            history = read_compacted(ctx, place, chunk, *samples)
+        except CorruptChunkError:
+            continue
+        occupied = history.count_occupied()
+        changing = np.flatnonzero((occupied > 0) & (occupied < history.count_observed()))
+        step = max(1, len(changing) * n_chunks // (4 * SELECTION_CELLS))
+        parts.append(history.cells(changing[::step]))
+    return History(
+        samples[0],
+        samples[1] - samples[0],
+        np.concatenate([part.observed for part in parts]),
+        np.concatenate([part.occupied for part in parts]),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """Of one chunk: how many samples are outliers, and how many were observed."""
+
+    wrong: int
+    observed: int
+
+
+def _update_chunk(ctx: Context, plan: Plan, chunk: int) -> _Fit | CorruptChunkError:
+    """Fit and store one chunk, unless its history is damaged."""
+    place = plan.place
+    try:
+        history = read_compacted(ctx, place, chunk, *plan.history)
+    except CorruptChunkError as error:
+        return error.with_traceback(None)
+    spectrum = fit_part(history, plan.recipe, place.base, (plan.start, plan.stop))
+    ctx.store.write(lambda work: work.spectra.put_chunk(place.id, plan.number, chunk, spectrum))
+    wrong = count_outliers(spectrum, history, place.base)
+    return _Fit(int(wrong.sum()), int(history.count_observed().sum()))
+
+
+def _revision(ctx: Context, plan: Plan, accuracy: float | None) -> RevisionRecord:
+    return RevisionRecord(
+        location_id=plan.place.id,
+        revision=plan.number,
+        recipe=plan.recipe,
+        start=plan.start,
+        stop=plan.stop,
+        observation_seq=plan.place.observation_seq,
+        measurements=plan.place.measurements,
+        accuracy=accuracy,
+        updated_at=ctx.clock(),
+        selection=None if plan.selection is None else _wire(plan.selection),
+    )
+
+
+def _wire(selection: Selection) -> dict[str, Any]:
+    """The choice as the API shows it."""
+    rows = [asdict(row) for row in selection.table]
+    for row in rows:
+        row.update({name: None for name in ("error", "brier", "log_loss") if row[name] != row[name]})
+    return {
+        "estimator": selection.estimator,
+        "order": selection.order,
+        "reason": selection.reason,
+        "cells": selection.cells,
+        "scores": rows,
+    }

@@ -1,0 +1,92 @@
+"""Warming: the kernels compiled, or loaded from the cache on disk, before the first request."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tidemap.space.grid import Grid
+from tidemap.space.regions import label_regions
+from tidemap.spectral.anomaly import surprising
+from tidemap.spectral.history import History
+from tidemap.spectral.look import order_look
+from tidemap.spectral.measurements import Measurements
+from tidemap.spectral.model import add, reconstruct, update
+from tidemap.spectral.prediction import Answer, predict, predict_times, write_waves
+from tidemap.spectral.segment import Segment, forget, merge
+from tidemap.spectral.selection import choose
+from tidemap.spectral.timebase import TimeBase
+from tidemap.storage.blobs import pack_measurements, pack_segment, unpack_measurements, unpack_segment
+
+
+def warm() -> None:
+    """Run everything once on a few samples; a minute when nothing is cached, else a second.
+
+    Also on read-only planes, which is what arrays over stored bytes are.
+    """
+    _post()
+    _compact()
+    _fit_and_ask()
+
+
+def _post() -> None:
+    look = order_look(np.zeros(1), np.zeros(1, np.uint32), np.zeros(1, np.uint8), (0.0, 1.0), 1)
+    if look is not None:
+        unpack_measurements(pack_measurements(look), "a look")
+    zero = np.zeros(1, np.int64)
+    label_regions(Grid("", (0.0, 0.0, 0.0), 1.0, (1,)), zero, zero, np.zeros(1, np.uint8))
+
+
+def _compact() -> None:
+    base = TimeBase(0.0, 60.0)
+    once = Measurements(np.zeros(1), np.zeros(1, np.uint32), np.zeros(1, np.uint8))
+    twice = Measurements(np.arange(2.0), np.arange(2, dtype=np.uint32), np.zeros(2, np.uint8))
+    for measurements in (once, twice):
+        segment = merge(Segment.empty(2, 0), measurements, base)
+        stored = unpack_segment(pack_segment(segment), 0, "a segment")
+        pack_segment(merge(stored, twice, base))
+        pack_segment(forget(stored, 0, base))
+
+
+def _fit_and_ask() -> None:
+    states = (np.arange(3 * 200).reshape(3, 200) % 7 < 3).astype(np.uint8)
+    states[1, 50:60] = 2
+    fresh = History.from_states(states, start=3)
+    stored = replace(fresh, observed=_read_only(fresh.observed), occupied=_read_only(fresh.occupied))
+    base = TimeBase(0.0, 60.0)
+    for history in (fresh, stored):
+        model = update(history.window(0, 150), "fft", 3, base)
+        reconstruct(update(history, "calendar", 3, base))
+        update(history, "fft", 3, base)
+        reconstruct(add(model, 170, 1))
+        history.hold(2)
+        history.last_seen(100)
+        history.ever_observed()
+        History.from_intervals(history.intervals())
+        kept = replace(
+            model.spectrum,
+            mean=_read_only(model.spectrum.mean),
+            cell=_read_only(model.spectrum.cell),
+            index=_read_only(model.spectrum.index),
+            coefficient=_read_only(model.spectrum.coefficient),
+            frequency_hz=_read_only(model.spectrum.frequency_hz),
+        )
+        for spectrum in (model.spectrum, kept, replace(kept, time_zone="UTC")):
+            predict(spectrum, 0.0)
+            predict(spectrum, 0.0, [0])
+            n = spectrum.n_cells
+            answer = Answer(np.zeros(n, np.float32), np.zeros(n, np.uint8), np.zeros(n, np.uint8))
+            write_waves(spectrum, 0.0, 0.5, spectrum.cell, answer)
+            predict_times(spectrum, [0.0, 1.0])
+            surprising(spectrum, 0.0, np.zeros(1, np.uint32), np.zeros(1, np.uint8), 0.9)
+            reconstruct(replace(model, spectrum=spectrum))
+    days = History.from_states((np.arange(2 * 4500).reshape(2, 4500) % 1440 < 500).astype(np.uint8))
+    reconstruct(update(days, "calendar", 3, base))
+    choose(days, base, time_zone="UTC")
+
+
+def _read_only(array: NDArray[Any]) -> NDArray[Any]:
+    copy = array.copy()
+    copy.flags.writeable = False
+    return copy

@@ -1,0 +1,162 @@
+"""Ascent: penalised logistic regressions of many cells on one design, by preconditioned conjugate gradients.
+
+Each step costs two matrix products, shared by a block of cells, and takes the Newton length along its
+direction, and needs no factorisation.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tidemap.spectral.blas import single_threaded
+from tidemap.spectral.jit import fused_kernel
+
+ROWS = 64
+"""Rows fitted at once; blocks are filled up to it, so that a row does not depend on its batch."""
+STEPS = 40
+TOLERANCE = 0.01
+"""A row is done when its log posterior is within about half of this, in nats, of its maximum."""
+OVERSHOT = -0.5
+
+Matrix = NDArray[np.float32]
+Vector = NDArray[np.float32]
+
+
+def fit_rows(
+    design: Matrix,
+    seen: Matrix,
+    full: Matrix,
+    evidence: Vector,
+    penalty: Vector,
+    kept: Matrix | None = None,
+    start: Matrix | None = None,
+) -> Matrix:
+    """Coefficients (n_rows, n_columns) of greatest posterior, the centre of the intercept included.
+
+    design (n_slots, n_columns), the first column ones; seen, full (n_rows, n_slots): visits, and those
+    occupied; evidence (n_rows,) multiplies both; penalty (n_columns,): infinite leaves a column out.
+    kept (n_rows, n_columns): 0 leaves a column out of a row. start: where to begin, it changes the
+    cost alone. The intercept is drawn to `base_logit`.
+    """
+    single_threaded()
+    used = np.flatnonzero(np.isfinite(penalty))
+    columns = np.ascontiguousarray(design[:, used])
+    plan = (columns, np.ascontiguousarray(columns.T), np.asarray(np.mean(columns * columns, axis=0), np.float32))
+    centre = base_logit(seen, full)
+    begin = np.zeros((seen.shape[0], used.size), np.float32) if start is None else start[:, used]
+    allowed = np.ones_like(begin) if kept is None else kept[:, used]
+    out = np.zeros((seen.shape[0], design.shape[1]), np.float32)
+    for first in range(0, seen.shape[0], ROWS):
+        rows = slice(first, first + ROWS)
+        one = evidence[rows, np.newaxis]
+        at = begin[rows].copy()
+        if start is not None:
+            at[:, 0] -= centre[rows]
+        parts = (seen[rows] * one, full[rows] * one, allowed[rows], centre[rows, np.newaxis], at * allowed[rows])
+        found = _ascend(*plan, penalty[used], *(_filled(part) for part in parts))
+        out[rows, used] = found[: one.shape[0]]
+    return out
+
+
+def evaluate(design: Matrix, beta: Matrix) -> Matrix:
+    """The logits (n_rows, n_slots) of coefficients; no row depends on its batch."""
+    single_threaded()
+    transposed, out = design.T, np.empty((beta.shape[0], design.shape[0]), np.float32)
+    for first in range(0, beta.shape[0], ROWS):
+        part = beta[first : first + ROWS]
+        out[first : first + ROWS] = (_filled(part) @ transposed)[: part.shape[0]]
+    return out
+
+
+def base_logit(seen: Matrix, full: Matrix) -> Vector:
+    """The logit of the share of visits that were occupied, half a visit of each kind added, (n_rows,)."""
+    n_seen, n_full = seen.sum(axis=1), full.sum(axis=1)
+    return np.asarray(np.log((n_full + 0.5) / (n_seen - n_full + 0.5)), np.float32)
+
+
+def _filled(part: Matrix) -> Matrix:
+    return np.pad(part, ((0, ROWS - part.shape[0]), (0, 0))) if part.shape[0] < ROWS else part
+
+
+def _dot(a: Matrix, b: Matrix) -> Vector:
+    return np.asarray(np.einsum("ij,ij->i", a, b), np.float32)
+
+
+def _ascend(
+    design: Matrix,
+    transposed: Matrix,
+    square: Vector,
+    penalty: Vector,
+    seen: Matrix,
+    full: Matrix,
+    kept: Matrix,
+    centre: Matrix,
+    beta: Matrix,
+) -> Matrix:
+    """One block from `beta` on: Polak–Ribière directions, each row on its own until it is done."""
+    share = 1 / (1 + np.exp(-centre))
+    level = seen.sum(axis=1, keepdims=True) * share * (1 - share)
+    scale = kept / np.maximum(penalty + level * square, np.float32(1e-6))
+    eta = centre + beta @ transposed
+    residual, curvature = response(eta, seen, full)
+    step, before, drop = np.zeros_like(beta), np.zeros_like(beta), np.ones(ROWS, np.float32)
+    for _ in range(STEPS):
+        gradient = residual @ design - penalty * beta
+        ahead = scale * gradient
+        gain = _dot(gradient, ahead)
+        running = gain > TOLERANCE
+        if not running.any():
+            break
+        keep = np.maximum(0, (gain - _dot(before, ahead)) / drop)
+        step = ahead + keep[:, np.newaxis] * step
+        wrong = _dot(gradient, step) <= 0
+        step[wrong] = ahead[wrong]
+        before, drop = gradient, np.maximum(gain, np.float32(1e-20))
+        move = step @ transposed
+        slope, weighed = _dot(gradient, step), penalty * step
+        bend = _dot(curvature, move * move) + _dot(weighed, step)
+        length = np.where(running, slope / np.maximum(bend, np.float32(1e-20)), 0).astype(np.float32)
+        pull, stiff = _dot(weighed, beta), _dot(weighed, step)
+        for _ in range(6):
+            ahead_eta = eta + length[:, np.newaxis] * move
+            residual, curvature = response(ahead_eta, seen, full)
+            left = _dot(residual, move) - pull - length * stiff
+            over = running & (left < OVERSHOT * slope)
+            if not over.any():
+                break
+            shorter = length * slope / np.where(over, slope - left, 1)
+            length = np.where(over, shorter, length).astype(np.float32)
+        beta = beta + length[:, np.newaxis] * step
+        eta = ahead_eta
+    beta[:, :1] += centre
+    return beta
+
+
+def response(eta: Matrix, seen: Matrix, full: Matrix) -> tuple[Matrix, Matrix]:
+    """full - seen · p and seen · p (1 - p)."""
+    residual, curvature = np.empty_like(eta), np.empty_like(eta)
+    _respond(eta.ravel(), seen.ravel(), full.ravel(), residual.ravel(), curvature.ravel())
+    return residual, curvature
+
+
+@fused_kernel
+def _respond(eta: Vector, seen: Vector, full: Vector, residual: Vector, curvature: Vector) -> None:
+    """p = ½ + ½ tanh(½ η), tanh as a ratio of polynomials: exact to 2e-7, and vectorised where exp is not.
+
+    The minimax coefficients of degree 13 over 6 are those widely used for float32 (as in Eigen).
+    """
+    for i in range(eta.size):
+        x = np.float32(0.5) * min(max(eta[i], np.float32(-15.8)), np.float32(15.8))
+        y = x * x
+        top = y * np.float32(-2.76076847742355e-16) + np.float32(2.00018790482477e-13)
+        top = y * top + np.float32(-8.60467152213735e-11)
+        top = y * top + np.float32(5.12229709037114e-08)
+        top = y * top + np.float32(1.48572235717979e-05)
+        top = y * top + np.float32(6.37261928875436e-04)
+        top = x * (y * top + np.float32(4.89352455891786e-03))
+        below = y * np.float32(1.19825839466702e-06) + np.float32(1.18534705686654e-04)
+        below = y * below + np.float32(2.26843463243900e-03)
+        below = y * below + np.float32(4.89352518554385e-03)
+        p = np.float32(0.5) + np.float32(0.5) * (top / below)
+        expected = seen[i] * p
+        residual[i] = full[i] - expected
+        curvature[i] = expected - expected * p

@@ -1,0 +1,215 @@
+"""Blending: which priors of `calendar` to average, by how well each predicted and what is believed beforehand.
+
+No single setting wins by more than chance on a short history, and the average of the good ones is better
+than the best of them. The weight of a setting is belief · exp(-TRUST · log loss): a posterior whose
+likelihood is tempered, as neighbouring visits are far from independent.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tidemap.spectral import folding, level, waves
+from tidemap.spectral.ascent import evaluate, fit_rows
+from tidemap.spectral.calendar import fit_calendar, kept_columns, kinds
+from tidemap.spectral.folding import Weeks
+from tidemap.spectral.periods import find_period
+from tidemap.spectral.recipe import Detail, Prior, Recipe, Week
+from tidemap.spectral.trials import SHORT_DAYS, Task, losses
+
+TRUST = 0.04
+"""What a nat of log loss counts where neighbouring visits are a quarter of an hour apart or less."""
+TRUST_SHORT = 0.025
+"""Days left out of one week are more like their neighbours than days to come will be."""
+FEW_CELLS = 4
+MEMBERS = (60, 2)
+"""Priors averaged at most: where few cells decide, all of some weight, and where many do and cost counts."""
+DEAR_EVIDENCE = 1.0
+"""More evidence, sharp edges and weekdays that differ much take more steps to fit: for few cells only."""
+LEAST_WEIGHT = 0.002
+PERIOD_BELIEF = 2.0
+"""What a period has to be better by, as a logarithm, for it was found on the days it is tried on."""
+MARGINS = (1.0, 1.002)
+"""A higher order has to lower the log loss by this factor: of few cells it costs nothing."""
+
+WEEKS: dict[Week, float] = {"day": 0.0, "weekend": 0.0, "week": 0.5, "days": 0.0}
+DETAILS: tuple[Detail, ...] = ("smooth", "sharp")
+SHARP_EVIDENCE: dict[Week, tuple[float, float]] = {
+    "day": (0.25, 4.0),
+    "weekend": (0.25, 4.0),
+    "week": (1.0, 16.0),
+    "days": (1.0, 16.0),
+}
+"""Least and most evidence under which sharp edges are tried; those of single weekdays are seen with much only."""
+SEEN_ONCE: tuple[tuple[Week, Detail], ...] = (
+    ("day", "smooth"),
+    ("day", "sharp"),
+    ("weekend", "smooth"),
+    ("week", "smooth"),
+)
+"""What is tried where no weekday comes twice: what sets single days apart is then hardly told from chance."""
+EVIDENCE = (16.0, 4.0, 1.0, 0.25, 0.0625)
+EVIDENCE_SLOPE = (-0.14, 0.33)
+"""Belief in more evidence, for every factor e: where visits are close, and what is added for every factor e of
+their distance."""
+HALF_LIVES = (math.inf, 7.0)
+SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
+"""Shares of the last day's departure that may be followed."""
+SHARE_SLOPE = -2.0
+"""Belief in following all of it against none, beforehand: that days depend on each other has to show."""
+FOLLOWED = 8.0
+"""How much more than `trust` a nat counts in that: one number is chosen, not a whole rhythm."""
+DOUBT = 0.4
+"""Standard deviation of the level of a week, on the logit scale."""
+
+
+def grid(interval_s: float, n_cells: int, n_days: int) -> tuple[list[Prior], NDArray[np.float64]]:
+    """The priors tried and the logarithms of what is believed of each."""
+    slope = EVIDENCE_SLOPE[0] + EVIDENCE_SLOPE[1] * math.log(_spacing(interval_s))
+    tried = [
+        (week, detail, evidence)
+        for week in WEEKS
+        for detail in DETAILS
+        for evidence in EVIDENCE
+        if (detail == "smooth" or SHARP_EVIDENCE[week][0] <= evidence <= SHARP_EVIDENCE[week][1])
+        and (n_days >= SHORT_DAYS or (week, detail) in SEEN_ONCE)
+    ]
+    if n_cells > FEW_CELLS:
+        tried = [each for each in tried if each[0] != "days" and each[1] == "smooth" and each[2] <= DEAR_EVIDENCE]
+    belief = {
+        Prior(week, detail, evidence, life): WEEKS[week] + slope * math.log(evidence)
+        for week, detail, evidence in tried
+        for life in HALF_LIVES
+    }
+    return list(belief), np.array(list(belief.values()))
+
+
+def _spacing(interval_s: float) -> float:
+    """How far visits are apart, in slots."""
+    return max(1.0, interval_s / waves.SLOT_S)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Blend:
+    """The priors averaged, how many were tried, and the coefficients (n_trials, n_cells, n_columns) of the average."""
+
+    priors: tuple[Prior, ...]
+    tried: int
+    beta: NDArray[np.float32]
+    design: NDArray[np.float32]
+    truth: Weeks
+    period_s: float | None = None
+    follow: float = 0.0
+    doubt: float = 0.0
+
+    @property
+    def loss(self) -> float:
+        """The log loss of the average of all waves, summed over trials, cells and slots."""
+        return float(losses(_logistic(self.beta @ self.design.T), self.truth).sum())
+
+    def probability(self, order: int) -> NDArray[np.float32]:
+        """What the average of this order predicted, shaped as the truth."""
+        flat = self.beta.reshape(-1, self.beta.shape[-1])
+        cut = flat * kept_columns(flat, order) if 1 + 2 * order < flat.shape[1] else flat
+        return _logistic(cut.reshape(self.beta.shape) @ self.design.T)
+
+
+def blend(task: Task) -> Blend:
+    """Every prior of the grid fitted to every trial, and the best of them averaged."""
+    design = waves.design(folding.slot_offset_s(task.base))
+    priors, belief = grid(task.base.interval_s, task.history.n_cells, task.visits.n_days)
+    beta = _fits(task, priors, design)
+    loss = np.array([losses(_logistic(each @ design.T), task.truth).sum() for each in beta])
+    chosen, weight = _weights(trust(task) * loss, belief, task.history.n_cells)
+    members = tuple(replace(priors[i], weight=float(w)) for i, w in zip(chosen, weight, strict=True))
+    average = np.einsum("p,ptcx->tcx", weight.astype(np.float32), beta[chosen])
+    return _with_period(task, _levelled(task, Blend(members, len(priors), average, design, task.truth)))
+
+
+def _with_period(task: Task, mixed: Blend) -> Blend:
+    """The same with a period that is no part of the week, where there is one that predicts better."""
+    recipe = Recipe("calendar", waves.N_WAVES, task.time_zone, mixed.priors)
+    period_s = find_period(task.history, fit_calendar(task.history, recipe, task.base), task.base)
+    if period_s is None:
+        return mixed
+    split, design = task.phased(period_s), waves.design(folding.slot_offset_s(task.base), True)
+    weight = np.array([prior.weight for prior in mixed.priors], np.float32)
+    average = np.einsum("p,ptcx->tcx", weight, _fits(split, mixed.priors, design))
+    other = _levelled(split, replace(mixed, beta=average, design=design, truth=split.truth, period_s=period_s))
+    return other if trust(task) * (mixed.loss - other.loss) > PERIOD_BELIEF else mixed
+
+
+def _levelled(task: Task, mixed: Blend) -> Blend:
+    """The same with the share of the last day's departure that predicted well, and with doubt of every level."""
+    beta, latest = mixed.beta.copy(), _past(task, [level.HALF_LIFE_DAYS])
+    rows = evaluate(mixed.design, beta.reshape(-1, beta.shape[-1]))
+    seen, full = (each.reshape(rows.shape) for each in (latest.seen, latest.full))
+    apart = level.departures(rows, seen, full).reshape(*beta.shape[:2], 1)
+    eta = rows.reshape(task.truth.seen.shape)
+    follow = _share([losses(_logistic(eta + share * apart), task.truth).sum() for share in SHARES], task)
+    beta[..., :1] += follow * apart
+    days = np.array([[[trial.learned(task.visits.n_days).sum()]] for trial in task.trials])
+    return replace(mixed, beta=beta * level.caution(DOUBT, days), follow=follow, doubt=DOUBT)
+
+
+def _share(loss: Sequence[float], task: Task) -> float:
+    """The average share, weighed as settings are; days left out tell nothing of days to come."""
+    told = np.zeros(len(SHARES)) if task.trials[0].around else np.array(loss)
+    weight = np.exp(SHARE_SLOPE * np.array(SHARES) - FOLLOWED * trust(task) * (told - told.min()))
+    return round(float(weight @ SHARES / weight.sum()), 2)
+
+
+def trust(task: Task) -> float:
+    """What a nat of log loss summed over the trials of all cells counts; cells repeat each other too."""
+    alone = TRUST_SHORT if task.visits.n_days < SHORT_DAYS else TRUST
+    return alone * math.sqrt(_spacing(task.base.interval_s) / task.history.n_cells)
+
+
+def _weights(
+    loss: NDArray[np.float64], belief: NDArray[np.float64], n_cells: int
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """The members, most probable first, and their weights, rounded so that they read well; sum 1."""
+    log_weight = belief - loss
+    most = MEMBERS[n_cells > FEW_CELLS]
+    order = np.argsort(-log_weight, kind="stable")[:most]
+    weight = np.exp(log_weight[order] - log_weight[order[0]])
+    weight = np.round(weight / weight.sum(), 3)
+    kept = weight >= LEAST_WEIGHT
+    return order[kept], weight[kept] / weight[kept].sum()
+
+
+def _fits(task: Task, priors: Sequence[Prior], design: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(n_priors, n_trials, n_cells, n_columns); rows that differ in data and evidence alone are fitted together."""
+    shape = (len(task.trials), task.history.n_cells)
+    lives = sorted({prior.half_life_days for prior in priors})
+    past = _past(task, lives)
+    beta = np.empty((len(priors), *shape, design.shape[1]), np.float32)
+    for alike in kinds(priors):
+        task.check()
+        life = [lives.index(priors[i].half_life_days) for i in alike]
+        seen, full = (each[life].reshape(-1, design.shape[0]) for each in (past.seen, past.full))
+        evidence = np.repeat([np.float32(priors[i].evidence) for i in alike], shape[0] * shape[1])
+        found = fit_rows(design, seen, full, evidence, waves.penalties(priors[alike[0]], task.visits.phase is not None))
+        beta[alike] = found.reshape(len(alike), *shape, -1)
+    return beta
+
+
+def _past(task: Task, lives: Sequence[float]) -> Weeks:
+    """What each trial learns from under each half-life, (n_lives, n_trials, n_cells, slots)."""
+    n_days = task.visits.n_days
+    weight = [
+        trial.learned(n_days) * folding.recency(n_days if trial.around else trial.first, life, n_days)
+        for life in lives
+        for trial in task.trials
+    ]
+    weeks = folding.fold(task.history, task.cells, task.visits, np.array(weight, np.float32))
+    shape = (len(lives), len(task.trials), task.history.n_cells, -1)
+    return Weeks(weeks.seen.reshape(shape), weeks.full.reshape(shape))
+
+
+def _logistic(eta: NDArray[Any]) -> NDArray[np.float32]:
+    return np.asarray(1 / (1 + np.exp(-np.clip(eta, -30, 30))), np.float32)

@@ -1,0 +1,241 @@
+"""Kernels that evaluate coefficients at one time or at every sample."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tidemap.spectral.bits import WORD
+from tidemap.spectral.jit import fused_kernel, kernel
+
+Index = NDArray[np.uint16] | NDArray[np.uint32]
+
+HALF = WORD // 2
+
+NEAR = 4
+"""Rows that are looked at one by one before steps get longer."""
+GATHER_BITS = np.uint64(0x0102040810204080)
+"""Times eight bytes of 0 or 1, this has them as the bits of its highest byte."""
+
+
+@kernel
+def summed(index: Any, coefficient: Any, phasor: Any) -> Any:
+    """Re Σ coefficient · phasor[index] of one cell; its two parts are summed apart, which makes one step of both."""
+    real, imaginary = np.float32(0), np.float32(0)
+    for place in range(index.size):
+        wave, value = phasor[index[place]], coefficient[place]
+        real += value.real * wave.real
+        imaginary += value.imag * wave.imag
+    return real - imaginary
+
+
+@kernel
+def add_waves(
+    cell: NDArray[np.int32],
+    index: Index,
+    coefficient: NDArray[np.complex64],
+    phasor: NDArray[np.complex64],
+    out: NDArray[np.float32],
+) -> None:
+    """out[cell] += Re Σ coefficient · phasor[index]; phasor (n_waves,) carries the factor 2 and the gate."""
+    for row in range(cell.size):
+        out[cell[row]] += summed(index[row], coefficient[row], phasor)
+
+
+@kernel
+def values(
+    mean: NDArray[np.float32],
+    cell: NDArray[np.int32],
+    index: Index,
+    coefficient: NDArray[np.complex64],
+    phasor: NDArray[np.complex64],
+    out: NDArray[np.float32],
+) -> None:
+    """out (n,) = what `add_waves` makes of the means of the cells (n,)."""
+    for row in range(cell.size):
+        out[row] = mean[cell[row]] + summed(index[row], coefficient[row], phasor)
+
+
+@kernel
+def tell(
+    at: NDArray[np.int32],
+    value: NDArray[np.float32],
+    over: float,
+    under: float,
+    probability: NDArray[np.float32],
+    state: NDArray[np.uint8],
+    verdict: NDArray[np.uint8],
+) -> None:
+    """Write the probabilities `value` (n,), clipped to [0, 1], and what is said from them to places `at` (n,).
+
+    verdict: 1 over `over`, else 0 under `under`, else 2. What is NaN is left out. Without branches, for nobody could
+    foresee them.
+    """
+    high, low = np.float32(over), np.float32(under)
+    for i in range(at.size):
+        if value[i] == value[i]:
+            p = min(max(value[i], np.float32(0)), np.float32(1))
+            occupied, free = np.uint8(p > high), np.uint8(p < low)
+            probability[at[i]] = p
+            state[at[i]] = occupied
+            verdict[at[i]] = occupied + np.uint8(2) * ((occupied | free) ^ np.uint8(1))
+
+
+@kernel
+def row_of(cell: NDArray[np.int32], wanted: int, row: int) -> int:
+    """The first row whose cell is not below `wanted`; looked for from `row` on, from the start if that is past it."""
+    if row > 0 and cell[row - 1] >= wanted:
+        row = 0
+    # Most often it is one of the next few, which cost less one by one.
+    for _ in range(NEAR):
+        if row >= cell.size or cell[row] >= wanted:
+            return row
+        row += 1
+    step = 1
+    while row + step < cell.size and cell[row + step] < wanted:
+        row += step
+        step *= 2
+    while step > 0:
+        if row + step <= cell.size and cell[row + step - 1] < wanted:
+            row += step
+        step //= 2
+    return row
+
+
+@kernel
+def add_waves_of(
+    wanted: NDArray[np.int64],
+    cell: NDArray[np.int32],
+    index: Index,
+    coefficient: NDArray[np.complex64],
+    phasor: NDArray[np.complex64],
+    out: NDArray[np.float32],
+) -> None:
+    """out (n,) += what `add_waves` adds to the cells `wanted` (n,); fast where these are ascending."""
+    row = 0
+    for i in range(wanted.size):
+        row = row_of(cell, wanted[i], row)
+        if row < cell.size and cell[row] == wanted[i]:
+            out[i] += summed(index[row], coefficient[row], phasor)
+
+
+@kernel
+def unlikely(
+    wanted: NDArray[np.uint32],
+    state: NDArray[np.uint8],
+    mean: NDArray[np.float32],
+    cell: NDArray[np.int32],
+    index: Index,
+    coefficient: NDArray[np.complex64],
+    phasor: NDArray[np.complex64],
+    bounds: tuple[float, float],
+    rows: NDArray[np.int64],
+    value: NDArray[np.float32],
+) -> int:
+    """How many of the cells `wanted` (n,) are occupied and below bounds[0], or free and above bounds[1].
+
+    rows, value (n,) begin with which of them, and with their mean and waves as of `add_waves_of`.
+    """
+    row = found = 0
+    for i in range(wanted.size):
+        at = int(wanted[i])
+        row = row_of(cell, at, row)
+        here = mean[at]
+        if row < cell.size and cell[row] == at:
+            here += summed(index[row], coefficient[row], phasor)
+        if here < bounds[0] if state[i] else here > bounds[1]:
+            rows[found], value[found] = i, here
+            found += 1
+    return found
+
+
+@kernel
+def add_waves_over_time(
+    cell: NDArray[np.int32],
+    index: Index,
+    coefficient: NDArray[np.complex64],
+    phasor: NDArray[np.complex64],
+    out: NDArray[np.float32],
+) -> None:
+    """out[cell, :] += Re Σ coefficient · phasor[index, :]; phasor (n_waves, n_times)."""
+    for row in range(cell.size):
+        for place in range(index.shape[1]):
+            wave, value = index[row, place], coefficient[row, place]
+            for time in range(out.shape[1]):
+                turn = phasor[wave, time]
+                out[cell[row], time] += value.real * turn.real - value.imag * turn.imag
+
+
+@kernel
+def turns(frequency: NDArray[np.float64], time: NDArray[np.float64], out: NDArray[np.complex64]) -> None:
+    """out (n, m) = exp(2πi frequency time), the cycles reduced in float64."""
+    for i in range(frequency.size):
+        for j in range(time.size):
+            cycles = frequency[i] * time[j]
+            angle = 2 * np.pi * (cycles - np.rint(cycles))
+            out[i, j] = np.complex64(complex(np.cos(angle), np.sin(angle)))
+
+
+@kernel
+def turned(value: Any, turn: Any) -> Any:
+    """The real and the negated imaginary part of value · turn."""
+    return (
+        value.real * turn.real - value.imag * turn.imag,
+        -(value.real * turn.imag + value.imag * turn.real),
+    )
+
+
+@fused_kernel
+def threshold_blocks(
+    cell: NDArray[np.int32],
+    index: Index,
+    coefficient: NDArray[np.complex64],
+    mean: NDArray[np.float32],
+    threshold: float,
+    anchor: NDArray[np.complex64],
+    offset: NDArray[np.float32],
+    words: NDArray[np.uint64],
+) -> None:
+    """words[cell, block]: bits where mean + Re Σ … exceeds the threshold, for uniform samples.
+
+    A wave at the sample ±x from the middle of a block is anchor · exp(±iωx), so that with
+    z = coefficient · anchor the 64 samples are (even ± odd) of 32: even = Σ Re z cos ωx,
+    odd = -Σ Im z sin ωx. anchor (n_waves, n_blocks): at the middles of the blocks, with the factor
+    2; offset (n_waves, 64): cos ωx of x = ½, 1½, … 31½ samples, then sin ωx.
+    """
+    n_blocks, order = words.shape[1], index.shape[1]
+    padded = -(-order // 4) * 4
+    wave = np.zeros((padded, 2 * HALF), np.float32)
+    real, imag = np.zeros((padded, n_blocks), np.float32), np.zeros((padded, n_blocks), np.float32)
+    even, odd = np.empty(HALF, np.float32), np.empty(HALF, np.float32)
+    over = np.empty(2 * HALF, np.uint8)
+    packed = over.view(np.uint64)
+    limit = np.float32(threshold)
+    for row in range(cell.size):
+        for place in range(order):
+            which, value = index[row, place], coefficient[row, place]
+            wave[place] = offset[which]
+            for block in range(n_blocks):
+                real[place, block], imag[place, block] = turned(value, anchor[which, block])
+        for block in range(n_blocks):
+            even[:] = mean[cell[row]]
+            odd[:] = np.float32(0)
+            for place in range(0, padded, 4):
+                a, b = real[place, block], real[place + 1, block]
+                c, d = real[place + 2, block], real[place + 3, block]
+                e, f = imag[place, block], imag[place + 1, block]
+                g, h = imag[place + 2, block], imag[place + 3, block]
+                for x in range(HALF):
+                    even[x] += (a * wave[place, x] + b * wave[place + 1, x]) + (
+                        c * wave[place + 2, x] + d * wave[place + 3, x]
+                    )
+                    odd[x] += (e * wave[place, HALF + x] + f * wave[place + 1, HALF + x]) + (
+                        g * wave[place + 2, HALF + x] + h * wave[place + 3, HALF + x]
+                    )
+            for x in range(HALF):
+                over[HALF + x] = even[x] + odd[x] > limit
+                over[HALF - 1 - x] = even[x] - odd[x] > limit
+            word = np.uint64(0)
+            for eight in range(8):
+                word |= ((packed[eight] * GATHER_BITS) >> np.uint64(56)) << np.uint64(8 * eight)
+            words[cell[row], block] = word

@@ -1,0 +1,184 @@
+"""Prediction: the probability of any cell at any time, and what is said from it (Eq. 3)."""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tidemap.spectral import kernels
+from tidemap.spectral.spectrum import Spectrum, check_cells, compact, gates, select, tau
+
+VERDICTS: Final = ("free", "occupied", "uncertain")
+FREE_VERDICT: Final = 0
+OCCUPIED_VERDICT: Final = 1
+UNCERTAIN_VERDICT: Final = 2
+
+TABLE_SIZE = 1 << 20
+"""Entries of a table of phasors that are held at a time."""
+BLOCK = 1 << 15
+"""Cells with waves that are answered at a time, so that their values stay in the processor's cache."""
+WORTHWHILE = 1 << 22
+"""Coefficients from which on another thread is worth being started: 3 ms of work."""
+
+
+def predict(spectrum: Spectrum, time: float, cells: ArrayLike | None = None, threads: int = 1) -> NDArray[np.float32]:
+    """p(t) of all or of the given cells at one time (Unix seconds), (n,) float32.
+
+    Clipped to [0, 1], NaN where never observed. One phasor per wave in float64, then one gather
+    per coefficient: 1-2 ns each. IndexError on a cell out of range.
+    """
+    phasor = phasors(spectrum, np.array([time], np.float64))[:, 0].copy()
+    waves = (spectrum.cell, spectrum.index, spectrum.coefficient, phasor)
+    if cells is not None:
+        chosen = check_cells(spectrum, cells)
+        out = spectrum.mean[chosen]
+        kernels.add_waves_of(chosen, *waves, out)
+    else:
+        out = spectrum.mean.copy()
+
+        def add(part: slice) -> None:
+            kernels.add_waves(spectrum.cell[part], spectrum.index[part], spectrum.coefficient[part], phasor, out)
+
+        _share(spectrum, threads, add)
+    return probability(spectrum, out)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Answer:
+    """What is said of some cells at one time, to be written: probability (n,) float32, state and verdict (n,) uint8."""
+
+    probability: NDArray[np.float32]
+    state: NDArray[np.uint8]
+    verdict: NDArray[np.uint8]
+
+
+def known(spectrum: Spectrum) -> NDArray[np.int64]:
+    """The cells that have been observed, ascending."""
+    return np.flatnonzero(~np.isnan(spectrum.mean))
+
+
+def write_waves(
+    spectrum: Spectrum, time: float, confidence: float, at: NDArray[np.int32], out: Answer, threads: int = 1
+) -> None:
+    """Write the answer at a time (Unix seconds) of the cells that have waves to their places `at` (n_varying,) int32.
+
+    As `predict`, `state` and `verdict`; of a cell that was never observed nothing is written.
+    """
+    phasor = phasors(spectrum, np.array([time], np.float64))[:, 0].copy()
+
+    def write(part: slice) -> None:
+        for first in range(part.start, part.stop, BLOCK):
+            rows = slice(first, min(first + BLOCK, part.stop))
+            waves = (spectrum.cell[rows], spectrum.index[rows], spectrum.coefficient[rows], phasor)
+            value = np.empty(rows.stop - rows.start, np.float32)
+            kernels.values(spectrum.mean, *waves, value)
+            if spectrum.link == "logit":
+                probability(spectrum, value)
+            kernels.tell(at[rows], value, confidence, 1 - confidence, out.probability, out.state, out.verdict)
+
+    _share(spectrum, threads, write)
+
+
+def _share(spectrum: Spectrum, threads: int, work: Callable[[slice], None]) -> None:
+    """Rows of waves are shared out among threads; every row goes to one of them."""
+    n_rows = spectrum.cell.size
+    step = max(-(-n_rows // max(1, threads)), -(-WORTHWHILE // max(1, spectrum.order)))
+    parts = [slice(first, min(first + step, n_rows)) for first in range(0, n_rows, step)]
+    if len(parts) <= 1:
+        for part in parts:
+            work(part)
+        return
+    with ThreadPoolExecutor(len(parts)) as pool:
+        list(pool.map(work, parts))
+
+
+def predict_times(spectrum: Spectrum, time: ArrayLike, cells: ArrayLike | None = None) -> NDArray[np.float32]:
+    """p(t) of all or of the given cells at many times, (n_cells, n_times) float32.
+
+    As `predict`; the phasors of the waves the cells use are tabulated for a block of times.
+    """
+    chosen = compact(spectrum if cells is None else select(spectrum, cells))
+    times = np.asarray(time, np.float64)
+    out = np.repeat(chosen.mean[:, np.newaxis], times.size, axis=1)
+    step = max(1, TABLE_SIZE // max(1, chosen.n_waves))
+    for first in range(0, times.size if chosen.n_waves else 0, step):
+        block = np.ascontiguousarray(out[:, first : first + step])
+        phasor = phasors(chosen, times[first : first + step])
+        kernels.add_waves_over_time(chosen.cell, chosen.index, chosen.coefficient, phasor, block)
+        out[:, first : first + step] = block
+    return probability(chosen, out)
+
+
+def predict_slow(spectrum: Spectrum, time: ArrayLike, cells: ArrayLike | None = None) -> NDArray[np.float64]:
+    """p(t) by the direct sum in float64, (n_cells, n_times): the truth the fast paths are held to."""
+    chosen = spectrum if cells is None else select(spectrum, cells)
+    tau_s = tau(chosen, np.atleast_1d(np.asarray(time, np.float64)))
+    wave = np.exp(2j * np.pi * chosen.frequency_hz[:, np.newaxis] * tau_s) * gates(chosen, tau_s)
+    value = np.repeat(chosen.mean.astype(np.float64)[:, np.newaxis], tau_s.size, axis=1)
+    for cell, index, coefficient in zip(chosen.cell, chosen.index, chosen.coefficient, strict=True):
+        value[cell] += 2 * (coefficient.astype(np.complex128) @ wave[index]).real
+    if chosen.link == "logit":
+        return np.asarray(1 / (1 + np.exp(-value)))
+    return np.clip(value, 0.0, 1.0)
+
+
+def phasors(spectrum: Spectrum, time: NDArray[np.float64]) -> NDArray[np.complex64]:
+    """2 · gate(t) · exp(2πi · frequency · τ(t)), (n_waves, n_times) complex64, computed in float64."""
+    return tau_phasors(spectrum, tau(spectrum, time))
+
+
+def tau_phasors(spectrum: Spectrum, tau_s: NDArray[np.float64]) -> NDArray[np.complex64]:
+    """The same at times that are given as τ."""
+    table = np.empty((spectrum.n_waves, tau_s.size), np.complex64)
+    kernels.turns(spectrum.frequency_hz, tau_s, table)
+    table *= np.float32(2)
+    if spectrum.gate.any():
+        table *= gates(spectrum, tau_s)
+    return table
+
+
+def probability(spectrum: Spectrum, value: NDArray[np.float32]) -> NDArray[np.float32]:
+    """link⁻¹ of a value on the scale of the link, clipped to [0, 1]; works in `value`, NaN stays."""
+    if spectrum.link == "logit":
+        np.clip(value, -80, 80, out=value)
+        np.negative(value, out=value)
+        np.exp(value, out=value)
+        value += np.float32(1)
+        np.reciprocal(value, out=value)
+        return value
+    return np.asarray(np.clip(value, 0, 1, out=value))
+
+
+def state(probability: ArrayLike, confidence: ArrayLike = 0.5) -> NDArray[np.uint8]:
+    """s'(t, c) = p(t) > c (Eq. 3), uint8; 0 where p is NaN."""
+    return np.asarray(np.asarray(probability) > confidence, np.uint8)
+
+
+def verdict(probability: ArrayLike, confidence: ArrayLike) -> NDArray[np.uint8]:
+    """Codes into VERDICTS: occupied for p > c, else free for p < 1 - c, else uncertain (also NaN).
+
+    >>> [VERDICTS[code] for code in verdict([0.05, 0.5, 0.95], 0.9)]
+    ['free', 'uncertain', 'occupied']
+    """
+    p, c = np.asarray(probability), np.asarray(confidence, np.float64)
+    # At the precision of p, as `state` compares.
+    precision = np.result_type(p, np.float16)
+    occupied, free = np.asarray(p > c.astype(precision)), np.asarray(p < (1 - c).astype(precision))
+    uncertain = ~(occupied | free)
+    return np.asarray(uncertain.view(np.uint8) * np.uint8(UNCERTAIN_VERDICT) + occupied.view(np.uint8))
+
+
+def entropy(probability: ArrayLike) -> NDArray[np.float64]:
+    """The entropy of the state in bits, 0 where certain, 1 at p = 0.5, NaN where p is.
+
+    >>> entropy([0.0, 0.5, 1.0]).tolist()
+    [0.0, 1.0, 0.0]
+    """
+    p = np.asarray(probability, np.float64)
+    both = np.stack((p, 1 - p))
+    bits = np.zeros_like(both)
+    np.log2(both, out=bits, where=both > 0)
+    return np.asarray(np.where(np.isnan(p), np.nan, np.abs((both * bits).sum(axis=0))))

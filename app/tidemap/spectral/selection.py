@@ -1,0 +1,213 @@
+"""Selection: `auto`, the choice of estimator, order and priors by what predicted a history's own days best."""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tidemap.spectral import folding, trials
+from tidemap.spectral.blending import FEW_CELLS, MARGINS, Blend, blend, grid, trust
+from tidemap.spectral.estimators import fit
+from tidemap.spectral.evaluation import Scores
+from tidemap.spectral.history import History
+from tidemap.spectral.prediction import predict_times
+from tidemap.spectral.recipe import PRIORS, Prior, Recipe
+from tidemap.spectral.spectrum import truncate
+from tidemap.spectral.timebase import TimeBase
+from tidemap.spectral.trials import MOST_TRIALS, Task
+from tidemap.spectral.window import DAY_S, fit_window
+
+MIN_DAYS = 2
+MAX_SAMPLES = 1 << 22
+"""Samples, cells times length, that are transformed in a trial."""
+MAX_FITS = 1 << 13
+"""Fits of `calendar` over all trials, priors and cells: with MAX_SAMPLES what bounds the cost."""
+CALENDAR_ORDERS = (16, 32, 64)
+SIMPLER = -4.0
+"""Belief in `static` and `fft`, as a logarithm: `calendar` averages settings of hardly a rhythm, too, and what beats
+it in a few trials seldom does so afterwards."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """How one candidate did, over all trials: see `trials.scores`; n counts visits to quarters of an hour."""
+
+    estimator: str
+    order: int
+    error: float
+    brier: float
+    log_loss: float
+    n: int
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """The choice, the table it was made from (empty where there was too little to try), the cells tried."""
+
+    estimator: str
+    order: int
+    table: tuple[Row, ...]
+    reason: str
+    cells: int
+    time_zone: str = "UTC"
+    priors: tuple[Prior, ...] = PRIORS
+    period_s: float | None = None
+    follow: float = 0.0
+    doubt: float = 0.0
+
+    @property
+    def recipe(self) -> Recipe:
+        """What to fit all cells by."""
+        return Recipe(self.estimator, self.order, self.time_zone, self.priors, self.period_s, self.follow, self.doubt)
+
+
+def choose(
+    history: History,
+    base: TimeBase,
+    orders: Sequence[int] = (1, 2, 3, 5, 10, 15),
+    max_cells: int = 64,
+    time_zone: str | None = None,
+    estimator: str = "auto",
+    check: Callable[[], None] = lambda: None,
+) -> Selection:
+    """The candidate with the least log loss on days it was not fitted to.
+
+    Histories under two weeks are tried by leaving out days, longer ones by predicting the later half
+    in parts of up to a week, each from all before it. Cells that change, spread evenly over all of
+    them, pooled. The same history always gives the same choice; of equal candidates the simpler one.
+    `calendar` is tried where a time zone is given. Of a single order that is the order of all; of
+    several they are those of `fft`. Another `estimator` than auto leaves only the rest open. It takes
+    seconds; `check` is called meanwhile, and what it raises ends it.
+    """
+    days = math.floor(history.n_samples * base.interval_s / DAY_S + 1e-9)
+    if days < MIN_DAYS:
+        few = f"less than {MIN_DAYS} days of history: the mean is all it tells"
+        return _without(estimator, orders, time_zone, few)
+    recent = folding.recent(history, base)
+    recent = recent.window(max(recent.start, recent.stop - MAX_SAMPLES), recent.stop)
+    changing = _changing(recent, max_cells, time_zone, base)
+    if not changing.size:
+        return _without(estimator, orders, time_zone, "no cell has changed")
+    most = MOST_TRIALS if changing.size <= FEW_CELLS else MOST_TRIALS // 2
+    task = replace(trials.task(recent.cells(changing), base, time_zone or "UTC", most), check=check)
+    mixed = blend(task) if time_zone is not None and estimator in ("auto", "calendar") else None
+    table = tuple(_table(task, sorted(set(orders)), mixed, estimator))
+    return _decide(table, task, mixed, time_zone, estimator, orders)
+
+
+def _without(
+    estimator: str,
+    orders: Sequence[int],
+    time_zone: str | None,
+    reason: str,
+    table: tuple[Row, ...] = (),
+    cells: int = 0,
+) -> Selection:
+    """The mean, or what was asked for at its least order, as nothing could be tried."""
+    if estimator in ("auto", "static"):
+        return Selection("static", 0, table, reason, cells, time_zone or "UTC")
+    order = orders[0] if len(orders) == 1 or estimator == "fft" else CALENDAR_ORDERS[0]
+    return Selection(estimator, order, table, reason, cells, time_zone or "UTC")
+
+
+def _changing(history: History, most: int, time_zone: str | None, base: TimeBase) -> NDArray[np.int64]:
+    """Cells that changed, evenly spread, as many as the cost allows; of many never so few that they pass for few."""
+    occupied, observed = history.count_occupied(), history.count_observed()
+    changing = np.flatnonzero((occupied > 0) & (occupied < observed))
+    most = min(most, MAX_SAMPLES // history.n_samples)
+    if time_zone is not None:
+        days = math.ceil(history.n_samples * base.interval_s / DAY_S)
+        fits = len(grid(base.interval_s, changing.size, days)[0]) * MOST_TRIALS
+        most = min(most, 2 * MAX_FITS // fits)
+    most = max(most, min(FEW_CELLS + 1, changing.size))
+    return changing if changing.size <= most else changing[np.arange(most) * changing.size // most]
+
+
+def _table(task: Task, orders: Sequence[int], mixed: Blend | None, estimator: str) -> Iterator[Row]:
+    """The scores of every candidate, simple ones first."""
+    if estimator in ("auto", "static"):
+        yield _row("static", 0, trials.scores(_tried(task, "static", [0])[0], task.truth))
+    if estimator in ("auto", "fft"):
+        for order, probability in zip(orders, _tried(task, "fft", orders), strict=True):
+            yield _row("fft", order, trials.scores(probability, task.truth))
+    if mixed is not None:
+        for order in orders if len(orders) == 1 else CALENDAR_ORDERS:
+            yield _row("calendar", order, trials.scores(mixed.probability(order), mixed.truth))
+
+
+def _row(estimator: str, order: int, found: Scores) -> Row:
+    return Row(estimator, order, found.error, found.brier, found.log_loss, found.n)
+
+
+def _tried(task: Task, estimator: str, orders: Sequence[int]) -> list[NDArray[np.float32]]:
+    """What each order predicted, (n_trials, n_cells, 672): fitted once, smaller ones are first components."""
+    every = [trials.empty(task) for _ in orders]
+    for i, trial in enumerate(task.trials):
+        task.check()
+        past = task.past(trial)
+        window = fit_window(past.start, past.stop, task.base.interval_s)
+        if window[0] == window[1]:
+            continue
+        fitted = fit(past.window(*window), estimator, max(orders), task.base)
+        slot, time = task.times(trial)
+        for order, probability in zip(orders, every, strict=True):
+            probability[i][:, slot] = predict_times(truncate(fitted, order), time)
+    return every
+
+
+def _decide(
+    table: tuple[Row, ...],
+    task: Task,
+    mixed: Blend | None,
+    time_zone: str | None,
+    estimator: str,
+    orders: Sequence[int],
+) -> Selection:
+    scored = [row for row in table if row.n]
+    n_cells = task.history.n_cells
+    if not scored:
+        none = "nothing was observed on the days to be predicted"
+        return _without(estimator, orders, time_zone, none, table, n_cells)
+    best = max(scored, key=lambda row: _belief(row) - trust(task) * row.log_loss * row.n)
+    if best.estimator == "calendar":
+        worst = MARGINS[n_cells > FEW_CELLS] * best.log_loss
+        close = [row for row in scored if row.estimator == "calendar" and row.log_loss <= worst]
+        best = min(close, key=lambda row: row.order)
+    found = Selection(best.estimator, best.order, table, _reason(best, len(table), task), n_cells, time_zone or "UTC")
+    if mixed is None or best.estimator != "calendar":
+        return found
+    reason = found.reason + _settings(mixed)
+    return replace(
+        found,
+        reason=reason,
+        priors=mixed.priors,
+        period_s=mixed.period_s,
+        follow=mixed.follow,
+        doubt=mixed.doubt,
+    )
+
+
+def _belief(row: Row) -> float:
+    """What is believed of a candidate beforehand, as a logarithm; of `fft` less with every order."""
+    return 0.0 if row.estimator == "calendar" else SIMPLER - row.order / 8
+
+
+def _reason(best: Row, n_candidates: int, task: Task) -> str:
+    name = best.estimator if best.estimator == "static" else f"{best.estimator} of order {best.order}"
+    days = task.trials[0].last - task.trials[0].first
+    parts = f"{len(task.trials)} part{'s' * (len(task.trials) > 1)} of {days} day{'s' * (days != 1)}"
+    learned = "all other days" if task.trials[0].around else "the days before"
+    return f"{name} predicted {parts} from {learned} best of {n_candidates} candidates: log loss {best.log_loss:.3f}"
+
+
+def _settings(mixed: Blend) -> str:
+    first = mixed.priors[0]
+    life = "all days alike" if math.isinf(first.half_life_days) else f"half-life {first.half_life_days:g} days"
+    period = "" if mixed.period_s is None else f", with a period of {mixed.period_s / 3600:.3g} hours"
+    return (
+        f"; it averages {len(mixed.priors)} of {mixed.tried} settings, the first by {first.week}, "
+        f"{first.detail}, evidence {first.evidence:g}, {life}{period}; {mixed.follow:.0%} of the last day's "
+        "departure is kept"
+    )

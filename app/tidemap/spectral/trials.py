@@ -1,0 +1,132 @@
+"""Trials: parts of a history to be predicted from the rest, and how well probabilities did on them."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tidemap.spectral import folding
+from tidemap.spectral.evaluation import LOG_LOSS_FLOOR, Scores
+from tidemap.spectral.folding import Visits, Weeks
+from tidemap.spectral.history import History
+from tidemap.spectral.timebase import TimeBase
+from tidemap.spectral.waves import SLOTS, SLOTS_A_DAY
+
+SHORT_DAYS = 14
+"""Shorter histories are tried by leaving out every single day; of longer ones the later half is predicted."""
+MOST_TRIALS = 8
+LONGEST_DAYS = 7
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """Days [first, last) of a history are predicted: from the days before, or from all others where `around`."""
+
+    first: int
+    last: int
+    around: bool
+
+    def learned(self, n_days: int) -> NDArray[np.bool_]:
+        """(n_days,) the days learned from."""
+        day = np.arange(n_days)
+        return (day < self.first) | (self.around & (day >= self.last))
+
+
+def plan(n_days: int, most: int = MOST_TRIALS) -> list[Trial]:
+    """The trials of a history that touches `n_days` civil days.
+
+    >>> [(trial.first, trial.last) for trial in plan(28, 4)]
+    [(16, 19), (19, 22), (22, 25), (25, 28)]
+    """
+    if n_days < SHORT_DAYS:
+        days = np.unique(np.linspace(0, n_days - 1, min(most, n_days)).astype(int)) if n_days > most else range(n_days)
+        return [Trial(int(day), int(day) + 1, True) for day in days]
+    span = min(LONGEST_DAYS, n_days // 8)
+    count = min(most, n_days // (2 * span))
+    return [Trial(n_days - span * (i + 1), n_days - span * i, False) for i in reversed(range(count))]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Task:
+    """Some cells, the trials on them, and what was then seen: (n_trials, n_cells, 672) visits by slot.
+
+    `check` is called between the steps of what takes long; what it raises ends that.
+    """
+
+    history: History
+    base: TimeBase
+    visits: Visits
+    time_zone: str
+    trials: Sequence[Trial]
+    truth: Weeks
+    check: Callable[[], None] = lambda: None
+
+    @property
+    def cells(self) -> NDArray[np.int64]:
+        return np.arange(self.history.n_cells)
+
+    def phased(self, period_s: float) -> "Task":
+        """The same with every slot split by the phase of a period: truth (n_trials, n_cells, 672 · PHASES)."""
+        split = self.visits.phased(period_s)
+        return replace(self, visits=split, truth=_truth(self.history, split, self.trials))
+
+    def past(self, trial: Trial) -> History:
+        """What a trial learns from; the days it predicts are unobserved."""
+        before = self._first_sample(trial.first)
+        past = self.history.window(self.history.start, before)
+        if not trial.around:
+            return past
+        return past.overlay(self.history.window(self._first_sample(trial.last), self.history.stop))
+
+    def times(self, trial: Trial) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """The slots of the week a trial predicts and the middles of the visits to them, (n,) each."""
+        chosen = np.flatnonzero((self.visits.day >= trial.first) & (self.visits.day < trial.last))
+        start = np.append(0, self.visits.stop[:-1])[chosen]
+        middle = (start + self.visits.stop[chosen] - 1) / 2 + self.history.start
+        weekday = (self.visits.first_day + self.visits.day[chosen]) % folding.DAYS_A_WEEK
+        return weekday * SLOTS_A_DAY + self.visits.slot[chosen], self.base.time(middle)
+
+    def _first_sample(self, day: int) -> int:
+        visit = int(np.searchsorted(self.visits.day, day))
+        return self.history.start + (int(self.visits.stop[visit - 1]) if visit else 0)
+
+
+def task(history: History, base: TimeBase, time_zone: str, most: int) -> Task:
+    """The trials of all cells of a history."""
+    seen = folding.visits(history.start, history.stop, base, time_zone)
+    trials = plan(seen.n_days, most)
+    return Task(history, base, seen, time_zone, trials, _truth(history, seen, trials))
+
+
+def _truth(history: History, seen: Visits, trials: Sequence[Trial]) -> Weeks:
+    tested = np.zeros((len(trials), seen.n_days), np.float32)
+    for trial, row in zip(trials, tested, strict=True):
+        row[trial.first : trial.last] = 1
+    return folding.fold(history, np.arange(history.n_cells), seen, tested)
+
+
+def losses(probability: NDArray[Any], truth: Weeks) -> NDArray[np.float64]:
+    """The log loss of every row, summed over its slots: (…,) for probability, seen, full (…, 672)."""
+    p = np.clip(probability, LOG_LOSS_FLOOR, 1 - LOG_LOSS_FLOOR)
+    free = truth.seen - truth.full
+    return np.asarray(-(truth.full * np.log(p) + free * np.log1p(-p)).sum(axis=-1), np.float64)
+
+
+def scores(probability: NDArray[np.float32], truth: Weeks) -> Scores:
+    """As `evaluation.score`, a visit to a slot counting as one measurement; NaN probabilities are left out."""
+    known = ~np.isnan(probability)
+    p = np.where(known, probability, np.float32(0.5)).astype(np.float64)
+    seen, full = truth.seen * known, truth.full * known
+    n = float(seen.sum())
+    if not n:
+        return Scores(float("nan"), float("nan"), float("nan"), 0)
+    wrong = np.where(p > 0.5, seen - full, full).sum()
+    brier = (seen * p * p - 2 * full * p + full).sum()
+    return Scores(float(wrong / n), float(brier / n), float(losses(p, Weeks(seen, full)).sum() / n), round(n))
+
+
+def empty(task: Task) -> NDArray[np.float32]:
+    """Probabilities to be filled, (n_trials, n_cells, 672) NaN."""
+    return np.full((len(task.trials), task.history.n_cells, SLOTS), np.nan, np.float32)

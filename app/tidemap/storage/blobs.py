@@ -1,0 +1,183 @@
+"""The stored forms of measurements, spectra, cell lists and JSON, built on `codec`."""
+
+import json
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tidemap.errors import CorruptChunkError
+from tidemap.spectral.history import History
+from tidemap.spectral.look import plane_cells, seen_plane
+from tidemap.spectral.measurements import Measurements
+from tidemap.spectral.patterns import distinct, spread, transpose
+from tidemap.spectral.segment import SEGMENT_SAMPLES, Segment
+from tidemap.spectral.spectrum import Spectrum
+from tidemap.storage.codec import QUICK, SMALL, seal, unseal
+
+_SPECTRUM = ("frequency_hz", "gate", "mean", "cell", "index", "coefficient")
+"""The arrays of a spectrum."""
+LINE = 2
+"""Numbers that a line is given by."""
+
+
+def pack_measurements(measurements: Measurements) -> bytes:
+    """Times as runs of equal times, cells as steps from the first of their run, states as bits.
+
+    Any order comes back as it was; in order (`Measurements.in_order`) the steps are small and so is the blob. Of a look
+    that saw most cells of some part, which they are, in bits.
+    """
+    heads, cell = measurements.heads, measurements.cell
+    columns: dict[str, NDArray[np.generic]] = {
+        "time": measurements.time[heads],
+        "first": cell[heads],
+        "state": np.packbits(measurements.state, bitorder="little"),
+    }
+    seen = seen_plane(cell) if len(heads) == 1 else None
+    if seen is not None:
+        return seal(columns | {"run": np.array([len(cell)], np.uint32), "seen": seen})
+    step = np.diff(cell, prepend=np.uint32(0))
+    step[heads] = 0
+    return seal(columns | {"run": np.diff(heads, append=len(cell)).astype(np.uint32), "step": narrow(step)})
+
+
+def narrow(values: NDArray[np.integer[Any]]) -> NDArray[np.unsignedinteger[Any]]:
+    """As the narrowest unsigned type that holds all of them."""
+    return values.astype(np.min_scalar_type(values.max(initial=0)))
+
+
+def unpack_measurements(blob: bytes, what: str) -> Measurements:
+    """The inverse of `pack_measurements`. Raises CorruptChunkError."""
+    columns = cast(dict[str, Any], unseal(blob, what, "time", "run", "first", "state"))
+    run = columns["run"]
+    time = _repeated(columns["time"], run)
+    state = np.unpackbits(columns["state"], count=len(time), bitorder="little")
+    return Measurements(time, _cells(columns, run, what), state)
+
+
+def _cells(columns: dict[str, Any], run: NDArray[np.uint32], what: str) -> NDArray[np.uint32]:
+    """The cell of every measurement, which are in runs of this length. Raises CorruptChunkError."""
+    if "step" in columns:
+        return _summed(columns["step"], columns["first"], run)
+    if "seen" not in columns:
+        raise CorruptChunkError(what, "it is of another kind, without step or seen")
+    try:
+        return plane_cells(columns["seen"], int(columns["first"][0]), int(run[0]))
+    except ValueError as error:
+        raise CorruptChunkError(what, str(error)) from error
+
+
+def _summed(step: NDArray[np.uint32], first: NDArray[np.uint32], run: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """Cells from their steps; sums that grow past 32 bits wrap around, and so come out right."""
+    cell = np.cumsum(step, dtype=np.uint32)
+    off = first - cell[np.cumsum(run, dtype=np.int64) - run]
+    cell += off if len(run) == 1 else np.repeat(off, run)
+    return cell
+
+
+def _repeated(time: NDArray[np.float64], run: NDArray[np.uint32]) -> NDArray[np.float64]:
+    """The time of every measurement; a single time, which most posts have, takes no memory for each of them."""
+    return np.repeat(time, run) if len(run) != 1 else np.broadcast_to(time.copy(), int(run[0]))
+
+
+def pack_spectrum(spectrum: Spectrum) -> bytes:
+    """All arrays of the spectrum and its scalars."""
+    return seal(
+        {
+            "link": np.array(spectrum.link.encode()),
+            "origin_s": np.array(spectrum.origin_s),
+            "time_zone": np.array((spectrum.time_zone or "").encode()),
+            **{name: getattr(spectrum, name) for name in _SPECTRUM},
+        },
+        SMALL,
+    )
+
+
+def unpack_spectrum(blob: bytes, what: str) -> Spectrum:
+    """The inverse of `pack_spectrum`."""
+    columns = cast(dict[str, Any], unseal(blob, what, *_SPECTRUM, "link", "origin_s", "time_zone"))
+    return Spectrum(
+        link=columns["link"].item().decode(),
+        origin_s=columns["origin_s"].item(),
+        time_zone=columns["time_zone"].item().decode() or None,
+        **{name: columns[name] for name in _SPECTRUM},
+    )
+
+
+def pack_cells(cells: NDArray[np.generic]) -> bytes:
+    """A list of cells."""
+    return seal({"cell": cells.astype(np.uint32)})
+
+
+def unpack_cells(blob: bytes, what: str) -> NDArray[np.int64]:
+    """The inverse of `pack_cells`."""
+    return unseal(blob, what, "cell")["cell"].astype(np.int64)
+
+
+def pack_json(value: Any) -> bytes:
+    """A value of plain JSON."""
+    return seal({"json": np.array(json.dumps(value).encode())}, SMALL)
+
+
+def unpack_json(blob: bytes, what: str) -> Any:
+    """The inverse of `pack_json`."""
+    return json.loads(cast(Any, unseal(blob, what, "json")["json"]).item())
+
+
+def pack_segment(segment: Segment) -> bytes:
+    """What repeats is stored once: of the observed plane the distinct rows of cells, and of those the distinct samples.
+
+    What a robot sees from one place are always the same cells. The occupied plane is told by a state that stands
+    until another is observed, so that cells which alike are always free are alike, whenever they were observed.
+    ValueError where something is occupied that was not observed: that has no stored form.
+    """
+    history = segment.history.check()
+    rows, row = distinct(history.observed)
+    seen, sample = distinct(transpose(rows))
+    state, stands = distinct(spread(history.observed, history.occupied))
+    columns: dict[str, NDArray[np.generic]] = {
+        "seen": seen,
+        "sample": narrow(sample),
+        "row": narrow(row),
+        "state": state,
+        "stands": narrow(stands),
+        "time": _off_line(segment.time, _places(seen, sample, len(segment.time))),
+    }
+    if segment.rank is not None:
+        columns["rank"] = narrow(segment.rank)
+    # Ranks, which differ from cell to cell, get no smaller by trying harder, and take ten times as long.
+    return seal(columns, SMALL if segment.rank is None else QUICK)
+
+
+def unpack_segment(blob: bytes, number: int, what: str) -> Segment:
+    """The inverse of `pack_segment`, for the segment of this number."""
+    columns = cast(dict[str, Any], unseal(blob, what, "seen", "sample", "row", "state", "stands", "time"))
+    seen, sample, row = columns["seen"], columns["sample"], columns["row"]
+    observed = transpose(seen[sample])[row]
+    occupied = columns["state"][columns["stands"]]
+    occupied &= observed
+    off = columns["time"]
+    time = _on_line(off, _places(seen, sample, max(0, len(off) - LINE)))
+    rank = columns.get("rank")
+    history = History(number * SEGMENT_SAMPLES, SEGMENT_SAMPLES, observed, occupied)
+    return Segment(history, time, None if rank is None else rank.astype(np.uint16))
+
+
+def _places(seen: NDArray[np.uint8], sample: NDArray[Any], n_times: int) -> NDArray[np.int64]:
+    """Where on their line the times are expected: at the observed samples, one after the other if some hold several."""
+    observed = np.flatnonzero(np.any(seen, axis=1).take(sample))
+    return observed if len(observed) == n_times else np.arange(n_times)
+
+
+def _off_line(time: NDArray[np.float64], at: NDArray[np.int64]) -> NDArray[np.int64]:
+    """First time, slope, and how far the bits of each are from those of that line: zeros for times at their samples."""
+    slope = (time[-1:] - time[:1]) / np.maximum(at[-1:] - at[:1], 1)
+    line = time[:1] + slope * (at - at[:1])
+    # Differences of bit patterns are exact, also where they wrap around.
+    return np.concatenate([time[:1].view(np.int64), slope.view(np.int64), time.view(np.int64) - line.view(np.int64)])
+
+
+def _on_line(off: NDArray[np.int64], at: NDArray[np.int64]) -> NDArray[np.float64]:
+    """The inverse of `_off_line`."""
+    first, slope = off[:1].view(np.float64), off[1:LINE].view(np.float64)
+    return (off[LINE:] + (first + slope * (at - at[:1])).view(np.int64)).view(np.float64)

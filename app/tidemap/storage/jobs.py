@@ -1,0 +1,100 @@
+"""The repository of jobs."""
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+from sqlalchemy import Connection, RowMapping, delete, insert, select, update
+
+from tidemap.errors import JobNotFoundError
+from tidemap.storage.blobs import pack_json, unpack_json
+from tidemap.storage.counters import take
+from tidemap.storage.records import JobRecord
+from tidemap.storage.tables import job, location
+
+_ROWS = select(job, location.c.name.label("location")).join(location, location.c.id == job.c.location_id)
+
+_QUEUED = select(job.c.id).where(job.c.state == "queued").limit(1)
+
+
+class Jobs:
+    """Jobs in the order in which they were asked for."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+
+    def create(self, location_id: int, kind: str, request: dict[str, Any], now: float) -> JobRecord:
+        """Queue a job."""
+        number = take(self._connection, "job")
+        values = {"location_id": location_id, "id": number, "kind": kind, "state": "queued", "progress": 0.0}
+        self._connection.execute(insert(job).values(request=json.dumps(request), created_at=now, **values))
+        return self.get(number)
+
+    def get(self, job_id: int) -> JobRecord:
+        """Raises JobNotFoundError."""
+        row = self._connection.execute(_ROWS.where(job.c.id == job_id)).mappings().first()
+        if row is None:
+            raise JobNotFoundError(job_id)
+        return _record(row)
+
+    def list(self, after: int | None, limit: int, location_name: str | None = None) -> list[JobRecord]:
+        """Newest first; `after` is the last id of the page before."""
+        query = _ROWS.order_by(job.c.id.desc()).limit(limit)
+        if after is not None:
+            query = query.where(job.c.id < after)
+        if location_name is not None:
+            query = query.where(location.c.name == location_name)
+        return [_record(row) for row in self._connection.execute(query).mappings()]
+
+    def waiting(self) -> bool:
+        """Whether any job is queued."""
+        return self._connection.execute(_QUEUED).first() is not None
+
+    def claim(self, now_running: frozenset[int]) -> JobRecord | None:
+        """The oldest queued job whose location is not among those running here, set to running."""
+        query = _ROWS.where(job.c.state == "queued").order_by(job.c.id)
+        if now_running:
+            query = query.where(job.c.location_id.not_in(now_running))
+        for row in self._connection.execute(query.limit(8)).mappings():
+            if self.transition(row["id"], "queued", state="running"):
+                return self.get(row["id"])
+        return None
+
+    def transition(self, job_id: int, expected: str, **values: Any) -> bool:
+        """Change a job that is in the expected state, `result` as plain JSON; False when it is not."""
+        if "result" in values:
+            values["result"] = pack_json(values["result"])
+        query = update(job).where(job.c.id == job_id, job.c.state == expected).values(**values)
+        return self._connection.execute(query).rowcount == 1
+
+    def progress(self, job_id: int, progress: float) -> None:
+        """How far a running job is, 0 to 1."""
+        self._connection.execute(update(job).where(job.c.id == job_id).values(progress=progress))
+
+    def finished_before(self, location_id: int, time: float, kept: int, most: int) -> Sequence[int]:
+        """The jobs of a location that ended before a time, at most so many, but for its `kept` newest that ended."""
+        ended = (
+            select(job.c.id, job.c.finished_at)
+            .where(job.c.location_id == location_id, job.c.finished_at.is_not(None))
+            .order_by(job.c.id.desc())
+            .offset(kept)
+            .subquery()
+        )
+        query = select(ended.c.id).where(ended.c.finished_at < time).order_by(ended.c.id).limit(most)
+        return self._connection.execute(query).scalars().all()
+
+    def delete(self, location_id: int, jobs: Sequence[int]) -> int:
+        """Drop jobs; how many rows."""
+        mine = (job.c.location_id == location_id) & job.c.id.in_(jobs)
+        return self._connection.execute(delete(job).where(mine)).rowcount
+
+    def requeue_running(self) -> None:
+        """After a restart: what was running runs again."""
+        self._connection.execute(update(job).where(job.c.state == "running").values(state="queued", progress=0.0))
+
+
+def _record(row: RowMapping) -> JobRecord:
+    values = {name: row[name] for name in JobRecord.__dataclass_fields__}
+    values["request"] = json.loads(row["request"])
+    values["result"] = row["result"] and unpack_json(row["result"], f"the result of job {row['id']}")
+    return JobRecord(**values)

@@ -1,0 +1,88 @@
+"""The repository of locations."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from sqlalchemy import Connection, bindparam, delete, func, insert, select, update
+
+from tidemap.errors import LocationExistsError, LocationNotFoundError
+from tidemap.storage.counters import take
+from tidemap.storage.records import LocationRecord
+from tidemap.storage.tables import anomaly, location
+
+# Built once: every request asks the one, and whoever reads history asks the other for every chunk.
+_BY_NAME = select(location).where(location.c.name == bindparam("name"))
+_BY_ID = select(location).where(location.c.id == bindparam("id"))
+
+
+class Locations:
+    """Locations by name."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+
+    def get(self, name: str) -> LocationRecord:
+        """Raises LocationNotFoundError."""
+        row = None if "\0" in name else self._connection.execute(_BY_NAME, {"name": name}).first()
+        if row is None:
+            raise LocationNotFoundError(name)
+        return LocationRecord.of(row._mapping)
+
+    def by_id(self, location_id: int) -> LocationRecord:
+        """As it is now, whatever its name has become. Raises LocationNotFoundError."""
+        row = self._connection.execute(_BY_ID, {"id": location_id}).first()
+        if row is None:
+            raise LocationNotFoundError(f"number {location_id}")
+        return LocationRecord.of(row._mapping)
+
+    def list(self, after: str | None = None, limit: int | None = None) -> list[LocationRecord]:
+        """In order of their names."""
+        query = select(location).order_by(location.c.name).limit(limit)
+        if after is not None:
+            query = query.where(location.c.name > after)
+        return [LocationRecord.of(row) for row in self._connection.execute(query).mappings()]
+
+    def names(self) -> dict[int, str]:
+        """Name by id."""
+        rows = self._connection.execute(select(location.c.id, location.c.name))
+        return {row.id: row.name for row in rows}
+
+    def open_anomalies(self) -> dict[int, int]:
+        """How many unacknowledged anomalies each location id has; ids without any are left out."""
+        query = (
+            select(anomaly.c.location_id, func.count())
+            .where(anomaly.c.acknowledged.is_(False))
+            .group_by(anomaly.c.location_id)
+        )
+        return {row[0]: row[1] for row in self._connection.execute(query)}
+
+    def create(self, values: Mapping[str, Any]) -> LocationRecord:
+        """Raises LocationExistsError."""
+        self._refuse_taken(values["name"])
+        self._connection.execute(insert(location).values(id=self._next_id(), **values))
+        return self.get(values["name"])
+
+    def change(self, name: str, values: Mapping[str, Any]) -> LocationRecord:
+        """Raises LocationNotFoundError, LocationExistsError."""
+        record = self.get(name)
+        new_name = values.get("name", name)
+        if new_name != name:
+            self._refuse_taken(new_name)
+        if values:
+            self._connection.execute(update(location).where(location.c.id == record.id).values(**values))
+        return self.get(new_name)
+
+    def delete(self, name: str) -> int:
+        """With everything that belongs to it; its id. Raises LocationNotFoundError."""
+        location_id = self.get(name).id
+        self._connection.execute(delete(location).where(location.c.id == location_id))
+        return location_id
+
+    def _next_id(self) -> int:
+        """One that no location ever had: SQLite by itself gives that of a deleted one again, and caches go by it."""
+        greatest = self._connection.execute(select(func.max(location.c.id))).scalar() or 0
+        return max(take(self._connection, "location"), int(greatest) + 1)
+
+    def _refuse_taken(self, name: str) -> None:
+        if self._connection.execute(select(location.c.id).where(location.c.name == name)).first():
+            raise LocationExistsError(name)

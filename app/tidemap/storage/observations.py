@@ -1,0 +1,219 @@
+"""The repository of the observation log."""
+
+from collections.abc import Callable, Collection, Generator, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from itertools import takewhile
+
+from sqlalchemy import (
+    BindParameter,
+    Case,
+    Column,
+    ColumnElement,
+    Connection,
+    Float,
+    bindparam,
+    case,
+    delete,
+    func,
+    insert,
+    or_,
+    select,
+    update,
+)
+
+from tidemap.errors import CorruptChunkError
+from tidemap.spectral.measurements import Measurements
+from tidemap.storage.blobs import unpack_measurements
+from tidemap.storage.records import LocationRecord, ObservationRecord
+from tidemap.storage.tables import location, observation
+
+GIVEN_BACK = 4096
+"""Pages of the file that are given back at once."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Packed:
+    """An observation that is not compacted yet, as it is stored; `what` names it."""
+
+    number: int
+    measurements: int
+    payload: bytes
+    what: str
+
+    def unpack(self) -> Measurements:
+        """Raises CorruptChunkError."""
+        return unpack_measurements(self.payload, self.what)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tail:
+    """Observations that are not compacted yet, with their numbers; those that cannot be read are in `damage`."""
+
+    parts: list[tuple[int, Measurements]]
+    damage: dict[int, CorruptChunkError]
+
+
+class Observations:
+    """The log of locations: what was posted, and of it the tail that is not compacted yet."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+
+    def digests(self, location_id: int, keys: Sequence[str]) -> dict[str, bytes]:
+        """The digest of the body that each of the idempotency keys was used for; unused ones are left out."""
+        rows = self._connection.execute(_BY_KEY, {"place": location_id, "keys": keys}) if keys else ()
+        return {row.idempotency_key: row.body_hash for row in rows}
+
+    def append(self, location_id: int, records: Sequence[ObservationRecord]) -> int | None:
+        """Append to the log; the number of the first, which the others follow. None where the location is gone."""
+        more = {
+            "place": location_id,
+            "count": len(records),
+            "more": sum(record.measurements for record in records),
+            "first": min(record.first_time for record in records),
+            "last": max(record.last_time for record in records),
+        }
+        number = self._connection.execute(_NUMBER, more).scalar()
+        if number is None:
+            return None
+        first = int(number) - len(records) + 1
+        rows = [{"location_id": location_id, "id": first + i, **vars(record)} for i, record in enumerate(records)]
+        self._connection.execute(_APPEND, rows)
+        return first
+
+    def packed(self, place: LocationRecord, most: int) -> list[Packed]:
+        """The earliest observations that are not compacted yet: those with at most so many measurements, or one."""
+        rows: list[Packed] = []
+        total = 0
+        with closing(self._pending(place)) as pending:
+            for row in pending:
+                total += row.measurements
+                if rows and total > most:
+                    break
+                rows.append(row)
+        return rows
+
+    def tail(self, place: LocationRecord, choose: Callable[[Measurements], Measurements] = lambda every: every) -> Tail:
+        """The observations that are not compacted yet; of each what `choose` takes."""
+        tail = Tail([], {})
+        with closing(self._pending(place)) as pending:
+            for row in pending:
+                try:
+                    tail.parts.append((row.number, choose(row.unpack())))
+                except CorruptChunkError as error:
+                    tail.damage[row.number] = error.with_traceback(None)
+        return tail
+
+    def _pending(self, place: LocationRecord) -> Generator[Packed]:
+        query = (
+            select(observation.c.id, observation.c.measurements, observation.c.payload)
+            .where(observation.c.location_id == place.id, observation.c.id > place.compacted_seq)
+            .where(observation.c.id <= place.observation_seq)
+            .order_by(observation.c.id)
+        )
+        with self._connection.execute(query, execution_options={"yield_per": 64}) as rows:
+            for row in rows:
+                yield Packed(*row, f"observation {row.id} of location {place.name!r}")
+
+    def pending(self, place: LocationRecord) -> int:
+        """How many measurements of a location are not compacted yet."""
+        query = (
+            select(func.sum(observation.c.measurements))
+            .where(observation.c.location_id == place.id, observation.c.id > place.compacted_seq)
+            .where(observation.c.id <= place.observation_seq)
+        )
+        return int(self._connection.execute(query).scalar() or 0)
+
+    def waiting(self) -> dict[int, int]:
+        """How many measurements are not compacted yet, by location id; those without any are left out."""
+        query = (
+            select(observation.c.location_id, func.sum(observation.c.measurements))
+            .join(location, location.c.id == observation.c.location_id)
+            .where(observation.c.id > location.c.compacted_seq)
+            .group_by(observation.c.location_id)
+        )
+        return {row[0]: int(row[1]) for row in self._connection.execute(query)}
+
+    def settle(self, place: LocationRecord, through: int, damaged: Collection[int] = ()) -> bool:
+        """Have the log compacted up to number `through`; damaged observations stay in it.
+
+        False, and nothing done, when somebody else has compacted since `place` was read.
+        """
+        claimed = self._connection.execute(
+            update(location)
+            .where(location.c.id == place.id, location.c.compacted_seq == place.compacted_seq)
+            .values(compacted_seq=through)
+        )
+        if claimed.rowcount != 1:
+            return False
+        self._empty(place, through, damaged)
+        return True
+
+    def _empty(self, place: LocationRecord, through: int, damaged: Collection[int]) -> None:
+        """Take the payload out of the compacted part of the log.
+
+        The rows are written anew: SQLite would leave every one that shrank alone on the page it filled before.
+        """
+        part = (observation.c.location_id == place.id) & (observation.c.id > place.compacted_seq)
+        part &= (observation.c.id <= through) & observation.c.id.not_in(damaged)
+        kept = [column for column in observation.c if column is not observation.c.payload]
+        rows = self._connection.execute(select(*kept).where(part)).mappings().all()
+        self._connection.execute(delete(observation).where(part))
+        if rows:
+            self._connection.execute(insert(observation), [dict(row) for row in rows])
+
+    def give_back(self) -> None:
+        """Shorten the file, by 4 MB at most, where more than an eighth of it is free; PostgreSQL does it by itself."""
+        if self._connection.dialect.name != "sqlite":
+            return
+        free, whole = (self._connection.exec_driver_sql(f"PRAGMA {name}").scalar() or 0 for name in _PAGES)
+        for _ in range(min(free, GIVEN_BACK) if free > whole // 8 else 0):
+            # Python's driver stops after the first page of many.
+            self._connection.exec_driver_sql("PRAGMA incremental_vacuum(1)")
+
+    def prunable(self, location_id: int, before: float, most: int) -> int | None:
+        """The last of the earliest observations that are compacted and were received before a time; None without any.
+
+        Of `most` at a time, so that what is left of the log has no gaps.
+        """
+        earliest = (
+            select(observation.c.id, observation.c.received_at, observation.c.payload.is_(None).label("compacted"))
+            .where(observation.c.location_id == location_id)
+            .order_by(observation.c.id)
+            .limit(most)
+        )
+        rows = self._connection.execute(earliest).all()
+        old = takewhile(lambda row: row.compacted and row.received_at < before, rows)
+        return max((row.id for row in old), default=None)
+
+    def prune(self, location_id: int, through: int) -> int:
+        """Drop the log up to an observation that is `prunable`, with the idempotency keys in it; how many rows."""
+        mine = (observation.c.location_id == location_id) & (observation.c.id <= through)
+        return self._connection.execute(delete(observation).where(mine)).rowcount
+
+
+def _unless(column: Column[float], passed: ColumnElement[bool], value: BindParameter[float]) -> Case[float]:
+    """The column's value, or `value` where it is empty or passed."""
+    return case((or_(column.is_(None), passed), value), else_=column)
+
+
+# Statements of every post, built once: building one takes longer than running it.
+_FIRST, _LAST = bindparam("first", type_=Float(53)), bindparam("last", type_=Float(53))
+_BY_KEY = select(observation.c.idempotency_key, observation.c.body_hash).where(
+    observation.c.location_id == bindparam("place"),
+    observation.c.idempotency_key.in_(bindparam("keys", expanding=True)),
+)
+_NUMBER = (
+    update(location)
+    .where(location.c.id == bindparam("place"))
+    .values(
+        observation_seq=location.c.observation_seq + bindparam("count"),
+        measurements=location.c.measurements + bindparam("more"),
+        first_time=_unless(location.c.first_time, location.c.first_time > _FIRST, _FIRST),
+        last_time=_unless(location.c.last_time, location.c.last_time < _LAST, _LAST),
+    )
+    .returning(location.c.observation_seq)
+)
+_APPEND = insert(observation)
+_PAGES = ("freelist_count", "page_count")

@@ -1,0 +1,196 @@
+"""Rows as the services see them."""
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sqlalchemy import RowMapping
+
+from tidemap.errors import CorruptChunkError
+from tidemap.space.grid import SINGLE, Grid
+from tidemap.spectral.recipe import Recipe
+from tidemap.spectral.timebase import TimeBase
+from tidemap.storage.blobs import unpack_json
+
+CHUNK_CELLS = 1024
+
+
+@dataclass(frozen=True)
+class LocationRecord:
+    """A location's settings and counters. `order` None means that `auto` chooses it."""
+
+    id: int
+    name: str
+    kind: str
+    interval_s: float
+    time_zone: str
+    epoch: float
+    grid: Grid | None
+    estimator: str
+    order: int | None
+    confidence: float
+    missing: str
+    hold_s: float | None
+    retention_s: float | None
+    min_cells: int
+    created_at: float
+    observation_seq: int
+    compacted_seq: int
+    measurements: int
+    first_time: float | None
+    last_time: float | None
+    revision: int
+
+    @classmethod
+    def of(cls, row: RowMapping) -> "LocationRecord":
+        """From a row of the table."""
+        return cls(**{**row, "grid": grid_of(row["grid"])})
+
+    @cached_property
+    def base(self) -> TimeBase:
+        """The time base of its samples."""
+        return TimeBase(self.epoch, self.interval_s)
+
+    @cached_property
+    def cells(self) -> Grid:
+        """Its grid; that of a `state` has one cell."""
+        return self.grid or SINGLE
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells."""
+        return self.cells.n_cells
+
+    @property
+    def n_chunks(self) -> int:
+        """Number of chunks of cells it is stored in."""
+        return -(-self.n_cells // CHUNK_CELLS)
+
+    def chunk_size(self, chunk: int) -> int:
+        """Number of cells in a chunk; the last may be smaller."""
+        return min(CHUNK_CELLS, self.n_cells - chunk * CHUNK_CELLS)
+
+    def cell_ranges(self, chunks: Iterable[int]) -> list[tuple[int, int]]:
+        """The cells of some chunks as ranges [first, stop), ascending; neighbouring ones are one."""
+        ranges: list[tuple[int, int]] = []
+        for chunk in sorted(chunks):
+            first = chunk * CHUNK_CELLS
+            begin = ranges.pop()[0] if ranges and ranges[-1][1] == first else first
+            ranges.append((begin, first + self.chunk_size(chunk)))
+        return ranges
+
+    @property
+    def hold_samples(self) -> int | None:
+        """How many samples a state stands, None where unobserved samples are masked."""
+        return round((self.hold_s or 0) / self.interval_s) if self.missing == "hold" else None
+
+
+@lru_cache
+def grid_of(text: str | None) -> Grid | None:
+    """A grid from its stored JSON."""
+    if text is None:
+        return None
+    value = json.loads(text)
+    return Grid(value["frame"], tuple(value["origin"]), value["resolution_m"], tuple(value["shape"]))
+
+
+@dataclass(frozen=True)
+class RevisionRecord:
+    """One update: samples [start, stop) were fitted; `observation_seq` and `measurements` were known then."""
+
+    location_id: int
+    revision: int
+    recipe: Recipe
+    start: int
+    stop: int
+    observation_seq: int
+    measurements: int
+    accuracy: float | None
+    updated_at: float
+    selection: dict[str, Any] | None
+
+    @classmethod
+    def of(cls, row: RowMapping) -> "RevisionRecord":
+        """From a row of the table."""
+        what = f"revision {row['revision']}"
+        recipe = Recipe.from_dict(unpack_json(row["recipe"], f"the recipe of {what}"))
+        selection = row["selection"] and unpack_json(row["selection"], f"the selection of {what}")
+        return cls(**{**row, "recipe": recipe, "selection": selection})
+
+    @property
+    def estimator(self) -> str:
+        """The estimator it was fitted by."""
+        return self.recipe.estimator
+
+    @property
+    def order(self) -> int:
+        """The order it was fitted at."""
+        return self.recipe.order
+
+
+@dataclass(frozen=True)
+class ObservationRecord:
+    """A posted observation before it is stored."""
+
+    received_at: float
+    source: str | None
+    measurements: int
+    first_time: float
+    last_time: float
+    idempotency_key: str | None
+    body_hash: bytes | None
+    payload: bytes
+
+
+@dataclass(frozen=True, eq=False)
+class AnomalyRecord:
+    """An event; `id` is 0 until it is stored. `cells` are empty where `damage` says that they cannot be read."""
+
+    location_id: int
+    id: int
+    start: float
+    stop: float
+    cells: NDArray[np.int64]
+    observed: int
+    probability: float
+    surprise: float
+    confidence: float
+    rule: str
+    revision: int
+    acknowledged_by: str | None = None
+    acknowledged_at: float | None = None
+    note: str | None = None
+    damage: CorruptChunkError | None = None
+
+
+@dataclass(frozen=True)
+class JobRecord:
+    """Long work; `request` and `result` are plain JSON values."""
+
+    location_id: int
+    location: str
+    id: int
+    kind: str
+    state: str
+    progress: float
+    request: dict[str, Any]
+    error: str | None
+    result: dict[str, Any] | None
+    created_at: float
+    finished_at: float | None
+
+
+@dataclass(frozen=True)
+class KeyRecord:
+    """A key; only the hash of its secret is known."""
+
+    id: int
+    name: str
+    role: str
+    prefix: str
+    hash: bytes
+    created_at: float

@@ -1,0 +1,164 @@
+"""The store: a database with its readers and its one writer."""
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from contextlib import contextmanager
+from copy import copy
+from functools import partial
+from typing import TypeVar
+
+from sqlalchemy import Connection, Dialect, make_url
+from sqlalchemy.exc import DBAPIError
+
+from tidemap.errors import DatabaseUnusableError, StorageUnavailableError
+from tidemap.storage.engine import open_reader, open_writer
+from tidemap.storage.gate import Gate
+from tidemap.storage.migrate import check_version, current_version, migrate
+from tidemap.storage.trouble import Trouble, means_trouble
+from tidemap.storage.work import Work
+from tidemap.storage.writer import Item, RunAll, Writer
+
+Result = TypeVar("Result")
+POSTGRES = (14,)
+"""The oldest version."""
+
+
+def migrate_database(url: str) -> None:
+    """Bring the database at `url` to this version's schema.
+
+    Raises SchemaVersionError when it is a newer one, DatabaseUnusableError when it cannot be opened.
+    """
+    with _writing(url) as connection:
+        migrate(connection)
+
+
+def prepare_database(url: str) -> None:
+    """Migrate what nobody else shares, a SQLite file, and what is empty; refuse an outdated shared database.
+
+    Raises SchemaVersionError saying what to do, DatabaseUnusableError when it cannot be opened.
+    """
+    with _writing(url) as connection:
+        if connection.dialect.name == "sqlite" or current_version(connection) is None:
+            migrate(connection)
+        else:
+            check_version(connection)
+
+
+@contextmanager
+def _writing(url: str) -> Iterator[Connection]:
+    """One transaction on a database that nobody has opened yet."""
+    engine = open_writer(url)
+    try:
+        with usable(url), engine.begin() as connection:
+            check_server(connection.dialect)
+            yield connection
+    finally:
+        engine.dispose()
+
+
+def check_server(dialect: Dialect) -> None:
+    """Raises DatabaseUnusableError on a PostgreSQL that cannot lose patience with an idle session."""
+    version = getattr(dialect, "server_version_info", None)
+    if dialect.name == "postgresql" and version is not None and version < POSTGRES:
+        given = ".".join(map(str, version))
+        raise DatabaseUnusableError(f"This is PostgreSQL {given}; use {POSTGRES[0]} or newer.")
+
+
+@contextmanager
+def usable(url: str) -> Iterator[None]:
+    """Say which database it was that failed, and not its password."""
+    try:
+        yield
+    except DBAPIError as error:
+        address = make_url(url).render_as_string(hide_password=True)
+        raise DatabaseUnusableError(f"The database {address} cannot be used: {error.orig}") from error
+
+
+class Store:
+    """Open with the URL of a migrated database; SchemaVersionError otherwise."""
+
+    def __init__(self, url: str, commit_queue: int = 1024, commit_batch: int = 128) -> None:
+        self._guard: Callable[[Work], None] = lambda work: None
+        self._reading = Trouble("read")
+        self._gate = Gate()
+        self._reader = open_reader(url)
+        try:
+            with usable(url), self._reader.begin() as connection:
+                check_version(connection)
+        except BaseException:
+            self._reader.dispose()
+            raise
+        self._writer_engine = open_writer(url)
+        self._writer = Writer(self._writer_engine, commit_queue, commit_batch, self._gate)
+
+    @contextmanager
+    def read(self) -> Iterator[Work]:
+        """A unit of work that sees one snapshot and writes nothing. Raises StorageUnavailableError.
+
+        Short ones are better, and it waits for no write inside: the writer may be waiting for it.
+        """
+        try:
+            with self._gate.inside(), self._reader.connect() as connection, connection.begin() as transaction:
+                yield Work.on(connection)
+                transaction.rollback()
+        except DBAPIError as error:
+            if not means_trouble(error):
+                raise
+            self._reading.failed(error)
+            raise StorageUnavailableError from error
+        self._reading.worked()
+
+    def check_schema(self) -> None:
+        """Raise SchemaVersionError where somebody has changed the schema since the start; about 5 ms."""
+        with self._gate.inside(), self._reader.connect() as connection, connection.begin() as transaction:
+            check_version(connection)
+            transaction.rollback()
+
+    def guarded(self, guard: Callable[[Work], None]) -> "Store":
+        """The same store; a write by `submit` or `write` calls `guard` first, and fails with what that raises."""
+        other = copy(self)
+        other._guard = guard
+        return other
+
+    def submit(self, run: Callable[[Work], Result], then: Callable[[Result], None] | None = None) -> Future[Result]:
+        """Queue a write; see `Writer.submit`."""
+        return self._writer.submit(partial(self._run, run), then)
+
+    def submit_item(
+        self, run_all: RunAll[Item, Result], item: Item, then: Callable[[Result], None] | None = None
+    ) -> Future[Result]:
+        """Queue an item that is written together with others; see `Writer.submit_item`."""
+        return self._writer.submit_item(run_all, item, then)
+
+    def submit_unmade(
+        self, run_all: RunAll[Item, Result], make: Callable[[], Item], then: Callable[[Result], None] | None = None
+    ) -> Future[Result]:
+        """Queue an item that is still to be made; see `Writer.submit_unmade`."""
+        return self._writer.submit_unmade(run_all, make, then)
+
+    def write(self, run: Callable[[Work], Result], then: Callable[[Result], None] | None = None) -> Result:
+        """Queue a write and wait until it is durable; `then` as in `Writer.submit`."""
+        return self._writer.submit(partial(self._run, run), then).result()
+
+    def _run(self, run: Callable[[Work], Result], work: Work) -> Result:
+        self._guard(work)
+        return run(work)
+
+    def slow_down(self, rest_s: float) -> None:
+        """Let the writer rest so long after every group commit, from now on: whoever posts waits for it."""
+        self._writer.rest_s = rest_s
+
+    def trouble(self) -> str | None:
+        """Why the database cannot be written, as the last write showed; None when it can."""
+        return self._writer.trouble.reason
+
+    def waiting(self) -> int:
+        """How many writes wait for the writer."""
+        return self._writer.waiting()
+
+    def close(self) -> None:
+        """Finish the writes that were taken and let go of the database; whoever goes on reading is told so."""
+        self._writer.close()
+        self._gate.close()
+        self._reader.dispose()
+        self._writer_engine.dispose()

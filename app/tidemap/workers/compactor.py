@@ -1,0 +1,139 @@
+"""The compactor: keeps the logs of all locations short, beside the updater and whatever that is busy with."""
+
+import logging
+import math
+import time
+from collections.abc import Callable
+
+from tidemap.errors import BusyError
+from tidemap.events.messages import Message
+from tidemap.services.compaction import compact
+from tidemap.services.context import Context
+from tidemap.services.pruning import prune
+from tidemap.storage.records import LocationRecord
+from tidemap.workers.duty import Duty, Term
+from tidemap.workers.retries import Retries
+from tidemap.workers.worker import Worker
+
+log = logging.getLogger(__name__)
+PRUNE_EVERY_S = 3600.0
+COMPACT_POSTS = 256
+COMPACT_MEASUREMENTS = 2_000_000
+"""A log that is longer is compacted: whoever reads the history unpacks it. Each time some segments are written anew, so
+of a log that is compacted more often more is written, and more time taken from others."""
+LATE_MEASUREMENTS = 6_000_000
+"""When more wait to be compacted, posts are slowed down: a question has to read them all."""
+FAILED_S = 10.0
+"""How long a location rests after its compaction has failed, and twice as long each time that it fails again."""
+STALLED_S = 600.0
+"""Posts do not wait for a log of which nothing was compacted for so long: whoever is on duty must have failed."""
+SLOWEST_S = 0.25
+"""How long the writer rests at most after a group of posts."""
+
+
+class Compactor:
+    """One thread. The more comes in while it works, the more it compacts at once, and the less work a post is.
+
+    Off duty it compacts nothing, but it slows posts down all the same while whoever is on duty is late.
+    """
+
+    def __init__(self, ctx: Context, duty: Duty) -> None:
+        self._ctx = ctx
+        self._duty = duty
+        self._worker = Worker("compactor", ctx.settings.updater_interval_s, self._round)
+        self._retries = Retries(FAILED_S, time.monotonic)
+        self._stood: dict[tuple[int, int], float] = {}
+        self._waiting = 0
+        self._come_in = 0
+        self._pruned = -math.inf
+        self._unsubscribe: Callable[[], None] = lambda: None
+        duty.on_begin(self._worker.wake)
+
+    def start(self) -> None:
+        """Begin, unless the settings leave histories alone."""
+        if self._ctx.settings.updater:
+            self._unsubscribe = self._ctx.bus.subscribe(self._listen)
+            self._worker.start()
+
+    def tell_to_end(self) -> None:
+        """Leave the round at hand, of which nothing is stored."""
+        self._unsubscribe()
+        self._ctx.store.slow_down(0)
+        self._worker.tell_to_end()
+
+    def stop(self) -> None:
+        """End."""
+        self.tell_to_end()
+        self._worker.join()
+
+    def alive(self) -> bool:
+        """Whether it is at work, or has none."""
+        return self._worker.alive() or not self._ctx.settings.updater
+
+    def _listen(self, message: Message) -> None:
+        if message.kind == "observation":
+            self._come_in += message.data["measurements"]
+            if self._come_in >= COMPACT_MEASUREMENTS:
+                self._worker.wake()
+            self._ctx.store.slow_down(slowed_s(self._waiting + self._come_in))
+
+    def _round(self) -> None:
+        # Before they are counted: what comes in meanwhile is rather counted twice than not at all.
+        self._come_in = 0
+        with self._ctx.store.read() as work:
+            places, waiting = work.locations.list(), work.observations.waiting()
+        long = [place for place in places if is_long(place, waiting.get(place.id, 0))]
+        self._waiting = sum(waiting.get(place.id, 0) for place in self._moving(long))
+        if (term := self._duty.term) is not None:
+            self._work(term, [place for place in long if self._retries.due(place.id)])
+
+    def _moving(self, long: list[LocationRecord]) -> list[LocationRecord]:
+        """Of locations with long logs those that posts wait for: where compaction fails that would be in vain."""
+        now, stood = time.monotonic(), self._stood
+        self._stood = {key: stood.get(key, now) for key in ((place.id, place.compacted_seq) for place in long)}
+        return [
+            place
+            for place in long
+            if not self._retries.fails(place.id) and now - self._stood[place.id, place.compacted_seq] < STALLED_S
+        ]
+
+    def _work(self, term: Term, long: list[LocationRecord]) -> None:
+        ctx = term.limit(self._ctx)
+
+        def check() -> None:
+            self._worker.check()
+            term.check()
+
+        self._worker.for_each(long, lambda place: self._compact(ctx, place, check))
+        self._prune(ctx, check)
+
+    def _compact(self, ctx: Context, place: LocationRecord, check: Callable[[], None]) -> None:
+        try:
+            compact(ctx, place, check)
+        except BusyError:
+            raise
+        except Exception:
+            self._retries.failed(place.id)
+            raise
+        self._retries.worked(place.id)
+
+    def _prune(self, ctx: Context, check: Callable[[], None]) -> None:
+        now = ctx.clock()
+        if now - self._pruned >= PRUNE_EVERY_S:
+            self._pruned = now
+            if pruned := prune(ctx, check):
+                log.info("%d rows of old posts and jobs were pruned", pruned)
+
+
+def is_long(place: LocationRecord, waiting: int) -> bool:
+    """Whether a location's log is to be compacted, of which so many measurements wait."""
+    return place.observation_seq - place.compacted_seq >= COMPACT_POSTS or waiting >= COMPACT_MEASUREMENTS
+
+
+def slowed_s(waiting: int) -> float:
+    """How long the writer is to rest after a group: the longer, the more measurements wait to be compacted.
+
+    >>> slowed_s(6_000_000), slowed_s(9_000_000), slowed_s(60_000_000)
+    (0.0, 0.125, 0.25)
+    """
+    return min(SLOWEST_S, max(0.0, SLOWEST_S * (waiting / LATE_MEASUREMENTS - 1)))

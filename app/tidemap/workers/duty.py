@@ -1,0 +1,106 @@
+"""Duty: whether it is this process that does the background work of its database, and since when."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from threading import Event
+
+from tidemap.errors import OffDutyError
+from tidemap.services.context import Context
+from tidemap.storage.lock import Lock, open_lock
+from tidemap.storage.work import Work
+from tidemap.workers.worker import Worker
+
+log = logging.getLogger(__name__)
+BEAT_S = 1.0
+"""How often to look whether the lock is free, and whether it is still held."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Term:
+    """A time on duty. Once it is over nothing of its work is stored, even where this process does not know yet."""
+
+    number: int
+    _over: Event = field(default_factory=Event)
+
+    def check(self) -> None:
+        """Raises OffDutyError once it is known to be over."""
+        if self._over.is_set():
+            raise OffDutyError
+
+    def end(self) -> None:
+        """It is over."""
+        self._over.set()
+
+    def limit(self, ctx: Context) -> Context:
+        """The same context, of which writes that come after the term's end are refused."""
+        return replace(ctx, store=ctx.store.guarded(self._confirm))
+
+    def _confirm(self, work: Work) -> None:
+        try:
+            work.terms.confirm(self.number)
+        except OffDutyError:
+            self.end()
+            raise
+
+
+class Duty:
+    """One thread that takes the lock when it is free, and asks all the time whether it still holds it."""
+
+    def __init__(self, ctx: Context) -> None:
+        self._lock: Lock = open_lock(ctx.settings.url)
+        self._worker = Worker("watch", BEAT_S, self._beat)
+        self._term: Term | None = None
+        self._listeners: tuple[Callable[[], None], ...] = ()
+
+    @property
+    def term(self) -> Term | None:
+        """The term that this process is in; None where another does the work, or nobody can."""
+        return self._term
+
+    def on_begin(self, listener: Callable[[], None]) -> None:
+        """Call `listener`, which only takes note, whenever a term begins."""
+        self._listeners += (listener,)
+
+    def start(self) -> None:
+        """Begin to look after it."""
+        self._worker.start()
+
+    def stop(self) -> None:
+        """Leave it to others, once what was done on duty has ended."""
+        self._worker.tell_to_end()
+        self._worker.join()
+        self._leave()
+
+    def alive(self) -> bool:
+        """Whether it is looked after."""
+        return self._worker.alive()
+
+    def _beat(self) -> None:
+        if self._term is not None:
+            if self._goes_on(self._term):
+                return
+            self._leave()
+        number = self._lock.take()
+        if number is not None:
+            self._term = Term(number)
+            level = logging.INFO if self._lock.shared else logging.DEBUG
+            log.log(level, "this process does the background work from now on (term %d)", number)
+            for listener in self._listeners:
+                listener()
+
+    def _goes_on(self, term: Term) -> bool:
+        try:
+            term.check()
+            held = self._lock.held()
+        except OffDutyError:
+            held = False
+        if not held:
+            log.warning("this process does the background work no longer (term %d): its lock was lost", term.number)
+        return held
+
+    def _leave(self) -> None:
+        if self._term is not None:
+            self._term.end()
+            self._term = None
+        self._lock.release()

@@ -1,0 +1,61 @@
+"""Executors: where the tasks of an update run."""
+
+from collections.abc import Callable, Iterable
+from concurrent.futures import CancelledError, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TypeVar
+
+from tidemap.errors import ShuttingDownError
+from tidemap.services.update import Executor
+
+Item = TypeVar("Item")
+Value = TypeVar("Value")
+
+
+@dataclass(frozen=True, slots=True)
+class Limited:
+    """Another executor, as long as `limit` raises nothing."""
+
+    executor: Executor
+    limit: Callable[[], None]
+
+    def map(self, task: Callable[[Item], Value], items: Iterable[Item]) -> Iterable[Value]:
+        """As the other one."""
+        return self.executor.map(task, items)
+
+    def check(self) -> None:
+        """Raises what either of the two raises."""
+        self.executor.check()
+        self.limit()
+
+
+class LocalExecutor:
+    """Threads of this process; the kernels release the GIL."""
+
+    def __init__(self, threads: int) -> None:
+        self._pool = ThreadPoolExecutor(threads, thread_name_prefix="tidemap-update")
+        self._closed = False
+
+    def map(self, task: Callable[[Item], Value], items: Iterable[Item]) -> Iterable[Value]:
+        """Results in the order of the items. Raises ShuttingDownError when it is closed before the last."""
+        try:
+            yield from self._pool.map(task, items)
+        except (CancelledError, RuntimeError):
+            if self._closed:
+                raise ShuttingDownError from None
+            raise
+
+    def check(self) -> None:
+        """Raises ShuttingDownError once nothing more is to be started."""
+        if self._closed:
+            raise ShuttingDownError
+
+    def tell_to_end(self) -> None:
+        """Let running tasks end and start no more."""
+        self._closed = True
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+    def close(self) -> None:
+        """The same, and wait until they have ended."""
+        self.tell_to_end()
+        self._pool.shutdown()

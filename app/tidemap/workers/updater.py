@@ -1,0 +1,108 @@
+"""The updater: runs queued jobs and refits locations whose history has grown."""
+
+import math
+import time
+from dataclasses import asdict
+
+from tidemap.events.messages import Message
+from tidemap.services.context import Context
+from tidemap.services.jobs import claim_job, request_update, requeue_interrupted, run_job
+from tidemap.services.update import Executor, UpdateRequest
+from tidemap.storage.records import LocationRecord, RevisionRecord
+from tidemap.workers.duty import Duty, Term
+from tidemap.workers.executors import Limited, LocalExecutor
+from tidemap.workers.retries import Retries
+from tidemap.workers.worker import Worker
+
+POLL_S = 1.0
+"""How often to look for jobs, which other processes queue without a word."""
+
+
+class Updater:
+    """One thread that takes job after job on duty; an update's chunks run on the executor's threads."""
+
+    def __init__(self, ctx: Context, duty: Duty) -> None:
+        self._ctx = ctx
+        self._duty = duty
+        self._executor = LocalExecutor(ctx.settings.update_threads)
+        self._worker = Worker("updater", min(POLL_S, ctx.settings.updater_interval_s), self._round)
+        self._settled: Term | None = None
+        self._looked = -math.inf
+        self._retries = Retries(ctx.settings.update_rest_s, ctx.clock)
+        self._asked: dict[int, float] = {}
+        self._unsubscribe = ctx.bus.subscribe(self._listen)
+        duty.on_begin(self._worker.wake)
+
+    def start(self) -> None:
+        """Begin; jobs that whoever was on duty before left running run again."""
+        self._worker.start()
+
+    def tell_to_end(self) -> None:
+        """Begin nothing more."""
+        self._unsubscribe()
+        self._worker.tell_to_end()
+        self._executor.tell_to_end()
+
+    def stop(self) -> None:
+        """Finish the tasks at hand and end."""
+        self.tell_to_end()
+        self._executor.close()
+        self._worker.join()
+
+    def alive(self) -> bool:
+        """Whether it is at work."""
+        return self._worker.alive()
+
+    def _listen(self, message: Message) -> None:
+        if message.kind == "job" and message.data.get("state") == "queued":
+            self._worker.wake()
+
+    def _round(self) -> None:
+        if self._ctx.store.trouble() is not None:
+            # Nobody may post to a server that is not ready: it has to find out by itself when it can write again.
+            self._ctx.store.write(lambda work: None)
+        if (term := self._duty.term) is None:
+            return
+        ctx = term.limit(self._ctx)
+        if self._settled is not term:
+            # Also a job that was claimed, or ended, when the database went away: nobody knows whether that is stored.
+            requeue_interrupted(ctx)
+        self._settled = None
+        self._run_jobs(ctx, Limited(self._executor, term.check))
+        if self._ctx.settings.updater and time.monotonic() - self._looked >= self._ctx.settings.updater_interval_s:
+            self._look_around(ctx)
+        self._settled = term
+
+    def _run_jobs(self, ctx: Context, executor: Executor) -> None:
+        self._worker.check()
+        while (job := claim_job(ctx, frozenset())) is not None:
+            told = self._retries.worked if run_job(ctx, job, executor) else self._retries.failed
+            if job.request == asdict(UpdateRequest()):
+                told(job.location_id)
+            self._worker.check()
+
+    def _look_around(self, ctx: Context) -> None:
+        self._looked = time.monotonic()
+        with ctx.store.read() as work:
+            places, revisions = work.locations.list(), work.spectra.current()
+        self._worker.for_each(places, lambda place: self._ask_for_update(ctx, place, revisions.get(place.id)))
+
+    def _ask_for_update(self, ctx: Context, place: LocationRecord, revision: RevisionRecord | None) -> None:
+        now = ctx.clock()
+        rested = now - self._asked.get(place.id, -math.inf) >= ctx.settings.update_rest_s
+        if rested and self._retries.due(place.id) and is_due(ctx, place, revision):
+            self._asked[place.id] = now
+            request_update(ctx, place.name, UpdateRequest())
+
+
+def is_due(ctx: Context, place: LocationRecord, revision: RevisionRecord | None) -> bool:
+    """Whether the history has grown enough since the last update, or for the first one."""
+    settings = ctx.settings
+    if place.first_time is None or place.last_time is None:
+        return False
+    if revision is None:
+        return (place.last_time - place.first_time) / place.interval_s >= settings.update_samples
+    grown = place.measurements - revision.measurements
+    age_s = ctx.clock() - revision.updated_at
+    enough = grown >= settings.update_growth * revision.measurements or (grown and age_s >= settings.update_latest_s)
+    return bool(enough) and age_s >= settings.update_rest_s

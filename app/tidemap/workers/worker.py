@@ -1,0 +1,86 @@
+"""A worker: one thread that does a round of something now and then, and that no error ends."""
+
+import logging
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from threading import Event, Thread
+
+from tidemap.errors import BusyError, ShuttingDownError, TidemapError
+from tidemap.storage.records import LocationRecord
+
+log = logging.getLogger(__name__)
+
+
+class Worker:
+    """Calls `round_` every `interval_s` seconds, and when it is woken, until it is told to end."""
+
+    def __init__(self, name: str, interval_s: float, round_: Callable[[], None]) -> None:
+        self._name = name
+        self._interval_s = interval_s
+        self._round = round_
+        self._wake = Event()
+        self._stopping = Event()
+        self._thread = Thread(target=self._loop, name=f"tidemap-{name}", daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def wake(self) -> None:
+        """Begin a round now, or another one after this."""
+        self._wake.set()
+
+    def check(self) -> None:
+        """Raises ShuttingDownError where it is to end: a round calls this all the time, and leaves it to the loop."""
+        if self._stopping.is_set():
+            raise ShuttingDownError
+
+    def tell_to_end(self) -> None:
+        """Ends at the next `check`."""
+        self._stopping.set()
+        self._wake.set()
+
+    def join(self) -> None:
+        """Wait until it has ended."""
+        if self._thread.is_alive():
+            self._thread.join()
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Begin, and in the end wait until it has ended."""
+        self.start()
+        try:
+            yield
+        finally:
+            self.tell_to_end()
+            self.join()
+
+    def alive(self) -> bool:
+        """Whether it is at work."""
+        return self._thread.is_alive()
+
+    def for_each(self, places: Iterable[LocationRecord], care: Callable[[LocationRecord], None]) -> None:
+        """Care for locations one after the other; one that cannot be cared for keeps no other from it."""
+        for place in places:
+            self.check()
+            try:
+                care(place)
+            except BusyError:
+                raise
+            except TidemapError as error:
+                log.warning("location %s: %s", place.name, error)
+            except Exception:
+                log.exception("location %s: its care failed", place.name)
+
+    def _loop(self) -> None:
+        while not self._stopping.is_set():
+            try:
+                self._round()
+            except ShuttingDownError:
+                return
+            except BusyError as error:
+                log.debug("the %s waits: %s", self._name, error.title)
+            except Exception:
+                log.exception("the %s failed and goes on", self._name)
+            self._wake.wait(self._interval_s)
+            self._wake.clear()

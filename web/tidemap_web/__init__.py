@@ -1,0 +1,1 @@
+"""The pages and the 3D viewer of Tidemap."""

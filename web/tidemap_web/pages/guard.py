@@ -1,0 +1,112 @@
+"""Who may see the pages: anybody on a server without keys, else whoever signed in with an operator's key."""
+
+from typing import Any
+from urllib.parse import quote, urlsplit
+
+from fastapi import Request, Response
+from fastapi.responses import RedirectResponse
+from starlette.requests import HTTPConnection
+
+from tidemap.api.auth import COOKIE, counting_wrong_keys, of_connection, refuse_other_sites
+from tidemap.errors import ForbiddenError, TidemapError, UnauthorizedError
+from tidemap.services.context import Context
+from tidemap.services.keys import OPEN, SESSION_S, Principal, allows, by_secret, session_of
+
+NO_STORE = {"Cache-Control": "no-store"}
+
+
+def principal(connection: HTTPConnection) -> Principal:
+    """Who asks, if they may look. Raises UnauthorizedError, ForbiddenError, OtherSiteError, RateLimitError."""
+    found = of_connection(connection)
+    if not allows(found.role, "operator"):
+        raise ForbiddenError("A robot's key is for posting; the pages need an operator's key.")
+    return found
+
+
+def signed_in(request: Request) -> Principal | None:
+    """Who is named at the top of a page; nobody on an open server."""
+    try:
+        found = principal(request)
+    except (UnauthorizedError, ForbiddenError):
+        return None
+    return None if found == OPEN else found
+
+
+def header(ctx: Context, request: Request) -> dict[str, Any]:
+    """What the header of every page shows."""
+    return {"signed_in": signed_in(request), "has_viewer": ctx.settings.viewer}
+
+
+def refuse(request: Request) -> Response | None:
+    """401 or 403 for whoever may not look, None for whoever may."""
+    try:
+        principal(request)
+    except UnauthorizedError as error:
+        return Response(str(error), 401, {"WWW-Authenticate": "Bearer", **NO_STORE}, "text/plain")
+    except ForbiddenError as error:
+        return Response(str(error), 403, NO_STORE, "text/plain")
+    return None
+
+
+def redirect(request: Request) -> Response | None:
+    """Send whoever may not look to the sign-in page; None for whoever may."""
+    if refuse(request) is None:
+        return None
+    if "hx-request" in request.headers:
+        shown = urlsplit(request.headers.get("hx-current-url", "/"))
+        return Response(status_code=401, headers={"HX-Redirect": _login(shown.path or "/"), **NO_STORE})
+    query = f"?{request.url.query}" if request.url.query else ""
+    return RedirectResponse(_login(request.url.path + query), 303, NO_STORE)
+
+
+def allows_socket(socket: HTTPConnection) -> bool:
+    """Whether a WebSocket may open: its sender may look, and comes from our own pages if from a browser."""
+    try:
+        refuse_other_sites(socket)
+        principal(socket)
+    except TidemapError:
+        return False
+    return True
+
+
+def sign_in(ctx: Context, request: Request, secret: str, then: str) -> Response:
+    """Remember a browser by its key for as long as a session lasts.
+
+    Raises UnauthorizedError, ForbiddenError, OtherSiteError, RateLimitError.
+    """
+    refuse_other_sites(request)
+    with counting_wrong_keys(request, secret):
+        found = by_secret(ctx, secret)
+    if not allows(found.role, "operator"):
+        raise ForbiddenError("This is a robot's key, which is for posting. Sign in with an operator's key.")
+    answer = RedirectResponse(then, 303, NO_STORE)
+    answer.set_cookie(
+        COOKIE,
+        session_of(ctx, secret),
+        max_age=int(SESSION_S),
+        httponly=True,
+        samesite="strict",
+        secure=request.url.scheme == "https",
+    )
+    return answer
+
+
+def sign_out() -> Response:
+    """Forget a browser."""
+    answer = RedirectResponse("/login", 303, NO_STORE)
+    answer.delete_cookie(COOKIE, httponly=True, samesite="strict")
+    return answer
+
+
+def local(address: str) -> str:
+    """An address on this server, or the first page: nobody is sent elsewhere.
+
+    >>> local("/locations/lab?cell=3"), local("//evil.example"), local("https://evil.example"), local("/\\\\evil")
+    ('/locations/lab?cell=3', '/', '/', '/')
+    """
+    inside = address.startswith("/") and not address.startswith("//") and "\\" not in address
+    return address if inside and address.isprintable() else "/"
+
+
+def _login(address: str) -> str:
+    return f"/login?next={quote(address, safe='')}"

@@ -1,0 +1,141 @@
+"""Serving the site with uvicorn until SIGTERM or SIGINT, and the demo beside it where asked."""
+
+import asyncio
+import gc
+import logging
+import signal
+import socket
+import sys
+from contextlib import ExitStack
+from dataclasses import dataclass
+from threading import Event, Thread
+from typing import Any
+
+import uvicorn
+
+from tidemap.client import Client
+from tidemap.demo import live
+from tidemap.demo.seed import seed
+from tidemap.services.context import Context
+from tidemap.services.keys import create_key, delete_key, is_open
+from tidemap.services.warm import warm
+from tidemap_web.memory import giving_back
+from tidemap_web.site import open_site
+
+log = logging.getLogger(__name__)
+GRACE_S = 10
+SWITCH_S = 0.0005
+"""Threads that compute give way after so long: one that reads gives way at every row, and waited 5 ms for each."""
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What runs beside the site."""
+
+    demo: bool = False
+
+
+class _Server(uvicorn.Server):
+    """Says where it listens once it does."""
+
+    def __init__(self, config: uvicorn.Config, ready: Any) -> None:
+        super().__init__(config)
+        self._ready = ready
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Listen, then say so."""
+        await super().startup(sockets)
+        if self.started:
+            await asyncio.to_thread(self._ready)
+
+
+def serve(ctx: Context, options: Options) -> int:
+    """Serve until told to stop; 0 when that went well."""
+    settings = ctx.settings
+    sys.setswitchinterval(SWITCH_S)
+    warm()
+    with ExitStack() as stack:
+        stack.enter_context(giving_back())
+        site = stack.enter_context(open_site(ctx))
+        config = configure(site, settings.host, settings.port)
+        bound = _bind(settings.host, settings.port)
+        stack.callback(bound.close)
+        url = _url(bound)
+
+        def ready() -> None:
+            # As one: print writes the end of a line by itself, and others log meanwhile.
+            print(f"Tidemap is ready at {url}\n", end="", flush=True)
+            if options.demo:
+                stack.enter_context(_Demo(ctx, url))
+
+        server = _Server(config, ready)
+        for asked in (signal.SIGTERM, signal.SIGINT):
+            # uvicorn raises the signal again once it has stopped; what is left to close here comes after that.
+            signal.signal(asked, lambda *_: None)
+        # What has come so far stays: a collection need not look at it again.
+        gc.freeze()
+        server.run([bound])
+        return 0 if server.started else 1
+
+
+def configure(site: Any, host: str, port: int) -> uvicorn.Config:
+    """How uvicorn serves an ASGI application here."""
+    return uvicorn.Config(
+        site,
+        host=host,
+        port=port,
+        log_config=None,
+        access_log=False,
+        server_header=False,
+        timeout_graceful_shutdown=GRACE_S,
+        ws_max_size=64 * 2**20,
+        ws_per_message_deflate=False,
+    )
+
+
+def _bind(host: str, port: int) -> socket.socket:
+    """A socket at the address. Raises OSError naming it."""
+    bound = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
+    bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        bound.bind((host, port))
+    except OSError as error:
+        bound.close()
+        raise OSError(f"cannot listen on {host}, port {port}: {error.strerror}") from None
+    bound.set_inheritable(True)
+    return bound
+
+
+def _url(bound: socket.socket) -> str:
+    host, port = bound.getsockname()[:2]
+    shown = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)  # noqa: S104
+    return f"http://[{shown}]:{port}" if ":" in shown else f"http://{shown}:{port}"
+
+
+class _Demo:
+    """The demo in a thread of its own, talking to the server as any robot does."""
+
+    def __init__(self, ctx: Context, url: str) -> None:
+        self._ctx, self._url = ctx, url
+        self._stop = Event()
+        self._key = None if is_open(ctx) else create_key(ctx, "demo", "admin")
+        self._thread = Thread(target=self._run, name="tidemap-demo", daemon=True)
+
+    def __enter__(self) -> "_Demo":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._stop.set()
+        if self._key is not None:
+            delete_key(self._ctx, self._key.id)
+
+    def _run(self) -> None:
+        try:
+            with Client(self._url, key=self._key.key if self._key else None) as client:
+                seed(client)
+                print(f"The demo building is ready: {self._url}", flush=True)
+                live.run(client, self._stop)
+        except Exception:
+            if not self._stop.is_set():
+                log.exception("the demo failed; the server goes on")

@@ -1,0 +1,193 @@
+"""Paints what a tab wishes to see and tells its page about it. Used by one thread, the session's."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tidemap.schemas.locations import Grid, Location
+from tidemap_web.viewer import report
+from tidemap_web.viewer.cells import Cloud, Ground, Picture, Taste, index_of, picture
+from tidemap_web.viewer.layout import Layout, arrange
+from tidemap_web.viewer.messages import Aim, Message, Select, Wish
+from tidemap_web.viewer.picking import Ray, first_hit
+from tidemap_web.viewer.scene import CELL_HALF, Scene
+from tidemap_web.viewer.source import Question, Source, State
+
+_log = logging.getLogger(__name__)
+ACKNOWLEDGE_S = 15.0
+FRESH_S = 3600.0
+Key = tuple[str, float, int, int]
+"""Tells the cells of a location at a revision: its name, when it was made, revision, number of cells."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shown:
+    """What a tab shows."""
+
+    place: Location
+    state: State
+    picture: Picture
+    layout: Layout
+    taste: Taste
+
+
+class Painter:
+    """Keeps what is on the screen, so that only differences are sent."""
+
+    def __init__(self, source: Source, publish: Callable[[Message], None]) -> None:
+        self.shown: Shown | None = None
+        self.updates = 0
+        self._source = source
+        self._publish = publish
+        self._scene: Scene | None = None
+        self._built: str | None = None
+        self._aim: Aim | None = None
+        self._selected: int | None = None
+        self._place: str | None = None
+        self._known: set[str] = set()
+        self._laid: tuple[Key, Ground, Layout] | None = None
+        self._means: tuple[Key, NDArray[np.float32]] | None = None
+
+    def prepare(self, scene: Scene | None, aim: Aim | None, select: Select | None) -> None:
+        """Take what came with the wish; None changes nothing."""
+        if scene is not None:
+            self._scene, self._built = scene, None
+        if aim is not None:
+            self._aim = aim
+        if select is not None:
+            self._selected = select.cell
+
+    def concerned(self, names: set[str]) -> bool:
+        """Whether news of these locations can change what the tab shows; asked from other threads."""
+        return self.shown is None or self._place in names or not names <= self._known
+
+    def paint(self, wish: Wish, news: bool) -> None:
+        """Bring the tab to a wish; `news` asks for everything afresh.
+
+        Raises LocationNotFoundError, NoModelError.
+        """
+        if news:
+            self._tell_grids()
+        name = wish.location or next((grid.name for grid in self._source.grids()), None)
+        if name is None:
+            self.blank("no-grids", "")
+            return
+        place = self._source.grid(name)
+        if news or self._place != name:
+            self._tell_place(place)
+        shown = self._look(place, wish)
+        if shown is None:
+            self.blank("no-observations", name)
+            return
+        self._draw(shown)
+        self.shown = shown
+        self._publish(report.frame(shown, wish, self._selected))
+
+    def blank(self, reason: str, detail: str) -> None:
+        """Show nothing, and say why."""
+        if self._scene is not None:
+            with self._scene.client.atomic():
+                self._scene.clear()
+            self._scene.client.flush()
+        self._built = None
+        self.shown = None
+        self._publish(report.notice(reason, detail))
+
+    def pick(self, ray: Ray) -> int | None:
+        """The linear index of the first cell under a ray; asked from other threads."""
+        shown = self.shown
+        if shown is None:
+            return None
+        clouds = ((shown.picture.predicted, np.zeros(3)), (shown.picture.observed, shown.layout.shift))
+        hits = [_hit(shown, cloud, ray.moved(shift)) for cloud, shift in clouds]
+        return min((hit for hit in hits if hit is not None), default=(0.0, None))[1]
+
+    def _tell_grids(self) -> None:
+        grids = self._source.grids()
+        self._known |= {grid.name for grid in grids}
+        self._publish(report.grids(grids))
+
+    def _tell_place(self, place: Location) -> None:
+        if self._place != place.name:
+            self._selected = None
+        self._place = place.name
+        now = self._source.now()
+        first = place.first_time if place.first_time is not None else now
+        self._publish(report.place(place, self._source.events(place.name, first), now))
+
+    def _look(self, place: Location, wish: Wish) -> Shown | None:
+        """What there is to see; None when nothing has been observed."""
+        if place.last_time is None or place.grid is None:
+            return None
+        time = place.last_time if wish.follow or wish.time is None else wish.time
+        state = self._source.state(Question(place.name, time, wish.confidence, wish.order))
+        if len(state.cell) == 0:
+            return None
+        ground, layout = self._lay(place, place.grid, state)
+        usual = self._usual(place, state) if wish.dim else None
+        taste = Taste(wish.floor, max(FRESH_S, 2 * place.interval_s))
+        return Shown(place, state, picture(state, ground, usual, taste), layout, taste)
+
+    def _lay(self, place: Location, grid: Grid, state: State) -> tuple[Ground, Layout]:
+        """Where the state's cells are, worked out once a revision."""
+        key = _key(place, state)
+        if self._laid is None or self._laid[0] != key:
+            ground = Ground.of(state.cell, state.shape)
+            layout = arrange(grid.origin, grid.resolution_m, ground.index, place.kind == "grid2d")
+            self._laid = (key, ground, layout)
+        return self._laid[1], self._laid[2]
+
+    def _usual(self, place: Location, state: State) -> NDArray[np.float32] | None:
+        """Mean probabilities of the state's cells, asked for once a revision."""
+        key = _key(place, state)
+        if self._means is None or self._means[0] != key:
+            mean = self._source.state(Question(place.name, state.time, None, 0, observed=False))
+            self._means = (key, mean.probability)
+        usual = self._means[1]
+        return usual if len(usual) == len(state.cell) else None
+
+    def _draw(self, shown: Shown) -> None:
+        scene = self._scene
+        if scene is None:
+            return
+        with scene.client.atomic():
+            if self._built != shown.place.name or not shown.layout.same_as(scene.layout):
+                scene.build(shown.layout, max(shown.state.shape))
+            if self._built != shown.place.name:
+                scene.aim(from_above=shown.layout.flat)
+            scene.show(shown.picture)
+            scene.select(_index(shown, self._selected))
+            if self._aim is not None:
+                scene.aim(from_above=self._aim.view == "above")
+        self._built, self._aim = shown.place.name, None
+        self._send(scene)
+
+    def _send(self, scene: Scene) -> None:
+        """Wait for the browser, so that no more than one update is under way; not for one that sleeps or is gone."""
+        try:
+            scene.send(ACKNOWLEDGE_S)
+            self.updates += 1
+        except TimeoutError:
+            _log.debug("a browser did not acknowledge an update in %g s", ACKNOWLEDGE_S)
+        except ConnectionError:
+            self._scene = None
+
+
+def _key(place: Location, state: State) -> Key:
+    return place.name, place.created_at, state.revision, len(state.cell)
+
+
+def _index(shown: Shown, cell: int | None) -> NDArray[np.int32] | None:
+    if cell is None or cell >= int(np.prod(shown.state.shape)):
+        return None
+    index: NDArray[np.int32] = index_of(np.array([cell], dtype=np.int64), shown.state.shape)[0]
+    return index
+
+
+def _hit(shown: Shown, cloud: Cloud, ray: Ray) -> tuple[float, int] | None:
+    """Depth and linear index of the first cell of a cloud under a ray."""
+    hit = first_hit(ray, shown.layout.centre(cloud.index), CELL_HALF * shown.layout.resolution_m)
+    return None if hit is None else (hit[0], int(shown.state.cell[cloud.row[hit[1]]]))

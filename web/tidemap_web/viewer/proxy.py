@@ -1,0 +1,111 @@
+"""The viewer on our own port: its page, viser's client in a frame, and the sockets of both."""
+
+import gzip
+import re
+import secrets
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+
+import viser
+from fastapi import APIRouter, Request, Response, WebSocket
+from fastapi.concurrency import run_in_threadpool
+
+from tidemap.services.context import Context
+from tidemap_web.pages import guard
+from tidemap_web.pages.templates import page
+from tidemap_web.viewer import colors
+from tidemap_web.viewer.messages import Message
+from tidemap_web.viewer.server import ViewerServer
+from tidemap_web.viewer.sockets import converse, pipe
+
+_TOKEN = re.compile(r"[A-Za-z0-9_-]{16,64}")
+_UNKNOWN_TAB = 4404
+_VISER_CSP = (
+    "default-src 'none'; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:; style-src 'unsafe-inline'; "
+    "img-src data: blob:; font-src data:; worker-src blob:; connect-src 'self' data: blob: ws: wss:; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
+)
+
+
+def router(ctx: Context, viewer: ViewerServer) -> APIRouter:
+    """Everything under /view."""
+    routes = APIRouter(prefix="/view", include_in_schema=False)
+
+    @routes.get("", response_model=None)
+    @routes.get("/", response_model=None)
+    def view(request: Request) -> Response:
+        """The viewer's page. `?location=` and `?time=` choose what it opens with."""
+        if turned_away := guard.redirect(request):
+            return turned_away
+        facts = {
+            "token": secrets.token_urlsafe(18),
+            "scene": f"/view/scene/?v={_client_page()[1]}",
+            "gradient": colors.gradient_css(),
+            "structure": colors.structure_css(),
+            "swatches": _swatches(),
+            "embedded": "embed" in request.query_params,
+            **guard.header(ctx, request),
+        }
+        return page(request, "viewer.html", facts)
+
+    @routes.get("/scene/", response_model=None)
+    def scene(request: Request) -> Response:
+        """Viser's own client, which draws the scene."""
+        if refused := guard.refuse(request):
+            return refused
+        body, _ = _client_page()
+        return Response(
+            body,
+            media_type="text/html",
+            headers={
+                "Content-Encoding": "gzip",
+                "Content-Security-Policy": _VISER_CSP,
+                "X-Content-Type-Options": "nosniff",
+                "Cache-Control": "private, max-age=31536000, immutable",
+            },
+        )
+
+    @routes.get("/sessions", response_model=None)
+    def sessions(request: Request) -> Response | list[Message]:
+        """What every open tab shows, for tests and operators."""
+        return guard.refuse(request) or viewer.stats()
+
+    @routes.websocket("/control/{token}")
+    async def control(socket: WebSocket, token: str) -> None:
+        """The page's wishes and the session's answers."""
+        if not await run_in_threadpool(guard.allows_socket, socket) or not _TOKEN.fullmatch(token):
+            await socket.close(1008)
+            return
+        await socket.accept()
+        await converse(socket, viewer, token)
+
+    @routes.websocket("/scene/{token}")
+    async def through(socket: WebSocket, token: str) -> None:
+        """Viser's socket, passed through."""
+        if not await run_in_threadpool(guard.allows_socket, socket) or not viewer.knows(token):
+            await socket.close(_UNKNOWN_TAB)
+            return
+        await pipe(socket, viewer.port, token)
+
+    return routes
+
+
+def _swatches() -> dict[str, str]:
+    return {
+        "occupied": colors.css(colors.OCCUPIED),
+        "unexpected": colors.css(colors.UNEXPECTED),
+        "missing": colors.css(colors.MISSING),
+        "stale": colors.css(colors.STALE),
+    }
+
+
+@cache
+def _client_page() -> tuple[bytes, str]:
+    """Viser's page with our few lines at its head, gzipped, and its version."""
+    html = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_text("utf-8")
+    head = (Path(__file__).parent / "scene_head.html").read_text("utf-8")
+    background = colors.css(colors.BACKGROUND)
+    html = html.replace("<head>", "<head>" + head.replace("BACKGROUND", background), 1)
+    body = gzip.compress(html.encode("utf-8"))
+    return body, f"{viser.__version__}-{sha256(body[10:]).hexdigest()[:8]}"

@@ -1,0 +1,120 @@
+"""Sessions in the words of messages: what the page is told."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tidemap.schemas.anomalies import Event
+from tidemap.schemas.locations import Location
+from tidemap_web.viewer.cells import index_of
+from tidemap_web.viewer.messages import Message, Wish
+from tidemap_web.viewer.span import span
+
+if TYPE_CHECKING:
+    from tidemap_web.viewer.painter import Shown
+
+
+def grids(items: list[Location]) -> Message:
+    """The grids one can choose from."""
+    return {"kind": "grids", "items": [{"name": item.name, "kind": item.kind} for item in items]}
+
+
+def place(item: Location, events: list[Event], now: float) -> Message:
+    """The chosen grid, the stretch of its timeline, and marks on it."""
+    message: Message = {
+        "kind": "place",
+        "name": item.name,
+        "time_zone": item.time_zone,
+        "interval_s": item.interval_s,
+        "confidence": item.confidence,
+        "revision": item.revision,
+        "shape": item.shape,
+        "frame": item.grid.frame if item.grid else None,
+        "resolution_m": item.grid.resolution_m if item.grid else None,
+        "now": now,
+        "span": None,
+        "events": [_mark(event) for event in events],
+    }
+    if item.first_time is not None and item.last_time is not None:
+        reach = span(item.first_time, item.last_time, now)
+        message["span"] = {"first": reach.first, "last": reach.last, "stop": reach.stop}
+    return message
+
+
+def _mark(event: Event) -> Message:
+    return {
+        "id": event.id,
+        "start": event.start,
+        "stop": event.stop,
+        "observed": event.observed,
+        "cells": len(event.cells),
+        "acknowledged": event.acknowledged_by is not None,
+    }
+
+
+def frame(shown: Shown, wish: Wish, selected: int | None) -> Message:
+    """What is on the screen now."""
+    state, picture = shown.state, shown.picture
+    return {
+        "kind": "frame",
+        "location": shown.place.name,
+        "time": state.time,
+        "last": shown.place.last_time,
+        "follow": wish.follow,
+        "revision": state.revision,
+        "estimator": state.estimator,
+        "order": state.order,
+        "confidence": state.confidence,
+        "floor": shown.taste.floor,
+        "fresh_s": shown.taste.fresh_s,
+        "lines_m": shown.layout.lines_m,
+        "cells": len(state.cell),
+        "predicted": len(picture.predicted.row),
+        "observed": len(picture.observed.row),
+        "unexpected": picture.unexpected,
+        "missing": picture.missing,
+        "stale": picture.stale,
+        "structure": picture.structure,
+        "selected": None if selected is None else cell(shown, selected),
+    }
+
+
+def cell(shown: Shown, number: int) -> Message | None:
+    """One cell's facts; None when it has never been observed."""
+    state, grid = shown.state, shown.place.grid
+    rows = np.flatnonzero(state.cell == number)
+    if grid is None or len(rows) == 0 or state.observed is None or state.observed_time is None:
+        return None
+    row = int(rows[0])
+    index = index_of(np.array([number], dtype=np.int64), state.shape)[0]
+    position = np.asarray(grid.origin) + (index + 0.5) * grid.resolution_m
+    seen = int(state.observed[row])
+    return {
+        "cell": number,
+        "index": index.tolist(),
+        "position_m": [round(float(x), 3) for x in position],
+        "probability": float(state.probability[row]),
+        "observed": None if seen == 2 else seen,
+        "observed_time": None if seen == 2 else float(state.observed_time[row]),
+    }
+
+
+def notice(reason: str, detail: str) -> Message:
+    """Why there is nothing to show: no-grids, no-observations, no-model, not-found or error."""
+    return {"kind": "notice", "reason": reason, "detail": detail}
+
+
+def stats(token: str, shown: Shown | None, updates: int, idle: bool) -> Message:
+    """One session for GET /view/sessions; the token is shortened, for it is a secret of the tab."""
+    return {
+        "session": token[:6],
+        "location": shown.place.name if shown else None,
+        "time": shown.state.time if shown else None,
+        "revision": shown.state.revision if shown else None,
+        "predicted": len(shown.picture.predicted.row) if shown else 0,
+        "observed": len(shown.picture.observed.row) if shown else 0,
+        "updates": updates,
+        "idle": idle,
+    }

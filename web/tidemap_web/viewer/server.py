@@ -1,0 +1,130 @@
+"""The viewer's server: viser on a loopback port of its own, and one session for every open tab."""
+
+import logging
+import threading
+from collections.abc import Callable
+from urllib.parse import parse_qs, urlsplit
+
+import rich
+import viser
+
+from tidemap.services.context import Context
+from tidemap_web.viewer.messages import Message
+from tidemap_web.viewer.news import News
+from tidemap_web.viewer.picking import Ray
+from tidemap_web.viewer.scene import Scene
+from tidemap_web.viewer.session import Session
+from tidemap_web.viewer.source import Services, Source
+
+_log = logging.getLogger(__name__)
+
+
+class _Viser(viser.ViserServer):
+    """Viser without its tunnel to a public server."""
+
+    def request_share_url(self, verbose: bool = True) -> str | None:
+        """Share nothing, whoever asks."""
+        return None
+
+
+class ViewerServer:
+    """Runs viser and the sessions. Viser itself asks nobody for a key: reach it through `viewer.proxy` only."""
+
+    def __init__(self, ctx: Context, source: Source | None = None) -> None:
+        self._ctx = ctx
+        self._source = source or Services(ctx)
+        self._sessions: dict[str, Session] = {}
+        self._lock = threading.Lock()
+        self._viser: _Viser | None = None
+        self._news = News(self._tell)
+
+    @property
+    def port(self) -> int:
+        """Viser's port on 127.0.0.1. Raises RuntimeError before start."""
+        if self._viser is None:
+            raise RuntimeError("the viewer is not running")
+        return self._viser.get_port()
+
+    def start(self) -> None:
+        """Open viser's port and listen to the event bus."""
+        rich.get_console().quiet = True  # viser greets on standard output, which is ours
+        self._viser = _Viser(host="127.0.0.1", port=0, verbose=False)
+        self._viser.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
+        self._viser.on_client_connect(self._welcome)
+        self._news.start(self._ctx.bus)
+
+    def stop(self) -> None:
+        """Close all sessions and the port."""
+        self._news.stop()
+        with self._lock:
+            sessions, self._sessions = list(self._sessions.values()), {}
+        for session in sessions:
+            session.close()
+        if self._viser is not None:
+            self._viser.stop()
+            self._viser = None
+
+    def open(self, token: str, publish: Callable[[Message], None]) -> Session:
+        """A session for a tab; one with the same token before it is closed."""
+        session = Session(token, self._source, publish)
+        with self._lock:
+            before, self._sessions[token] = self._sessions.get(token), session
+        if before is not None:
+            before.close()
+        session.start()
+        self._rejoin(session)
+        return session
+
+    def close(self, session: Session) -> None:
+        """The tab has gone."""
+        session.close()
+        with self._lock:
+            if self._sessions.get(session.token) is session:
+                del self._sessions[session.token]
+
+    def knows(self, token: str) -> bool:
+        """Whether a tab with this token is open."""
+        with self._lock:
+            return token in self._sessions
+
+    def stats(self) -> list[Message]:
+        """All sessions in short."""
+        with self._lock:
+            sessions = list(self._sessions.values())
+        return [session.stats() for session in sessions]
+
+    def _welcome(self, client: viser.ClientHandle) -> None:
+        token = self._token(client)
+        with self._lock:
+            session = self._sessions.get(token)
+        if session is not None:
+            self._attach(session, client)
+
+    def _rejoin(self, session: Session) -> None:
+        """Give a reopened session the scene that its tab has kept open."""
+        clients = self._viser.get_clients().values() if self._viser else ()
+        for client in clients:
+            if self._token(client) == session.token:
+                self._attach(session, client)
+
+    def _attach(self, session: Session, client: viser.ClientHandle) -> None:
+        @client.scene.on_click()
+        def _(event: viser.SceneClickEvent) -> None:
+            session.pick(Ray.of(event.ray_origin, event.ray_direction, client.camera.wxyz))
+
+        session.attach(Scene(client))
+
+    def _token(self, client: viser.ClientHandle) -> str:
+        """The tab's token, which the proxy put into the address it connected to."""
+        if self._viser is None:
+            return ""
+        connection = self._viser._websock_server._live_connections.get(client.client_id)
+        if connection is None or connection.request is None:
+            return ""
+        return parse_qs(urlsplit(connection.request.path).query).get("token", [""])[0]
+
+    def _tell(self, names: set[str]) -> None:
+        with self._lock:
+            sessions = list(self._sessions.values())
+        for session in sessions:
+            session.notify(names)

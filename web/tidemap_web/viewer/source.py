@@ -1,0 +1,90 @@
+"""What the viewer asks the services for; one small face, so that sessions can be tested without a database."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from tidemap.errors import LocationNotFoundError
+from tidemap.schemas.anomalies import Event
+from tidemap.schemas.locations import Location
+from tidemap.services import anomalies, locations, predict
+from tidemap.services.context import Context
+from tidemap_web.viewer.cells import StateArrays
+
+MARKS = 500
+
+
+class State(StateArrays, Protocol):
+    """A state at a time with what it was computed from."""
+
+    @property
+    def revision(self) -> int: ...
+    @property
+    def estimator(self) -> str: ...
+    @property
+    def order(self) -> int: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """The state of a grid at a time, with what was last seen; None stands for the location's own choice."""
+
+    location: str
+    time: float
+    confidence: float | None
+    order: int | None
+    observed: bool = True
+
+
+class Source(Protocol):
+    """Everything a session needs to know."""
+
+    def now(self) -> float:
+        """Unix seconds."""
+
+    def grids(self) -> list[Location]:
+        """All locations that are grids, by name."""
+
+    def grid(self, name: str) -> Location:
+        """One of them. Raises LocationNotFoundError."""
+
+    def state(self, question: Question) -> State:
+        """Raises NoModelError before the first revision."""
+
+    def events(self, name: str, start: float) -> list[Event]:
+        """Anomalies since `start`, oldest first, at most MARKS."""
+
+
+class Services:
+    """The source over the services of a running server."""
+
+    def __init__(self, ctx: Context) -> None:
+        self._ctx = ctx
+
+    def now(self) -> float:
+        """Unix seconds."""
+        return self._ctx.clock()
+
+    def grids(self) -> list[Location]:
+        """All locations that are grids, by name."""
+        return [place for place in locations.list_locations(self._ctx) if place.kind != "state"]
+
+    def grid(self, name: str) -> Location:
+        """One grid with what is known of it."""
+        place = locations.get_location(self._ctx, name)
+        if place.kind == "state":
+            raise LocationNotFoundError(name)
+        return place
+
+    def state(self, question: Question) -> State:
+        """The state at a time."""
+        query = predict.StateQuery(
+            time=question.time,
+            confidence=question.confidence,
+            order=question.order,
+            observed=question.observed,
+        )
+        return predict.state_at(self._ctx, question.location, query)
+
+    def events(self, name: str, start: float) -> list[Event]:
+        """Anomalies since `start`."""
+        return anomalies.list_events(self._ctx, anomalies.EventQuery(location=name, start=start, limit=MARKS))
