@@ -80,6 +80,13 @@ class Settings(BaseSettings):
         "lately go on. 0: no limit.",
     )
 
+    max_connections: int = Field(1000, gt=0, description="Open connections; one more is refused (503).")
+    max_connections_per_address: int = Field(
+        500,
+        gt=0,
+        description="… from one address. All that come through a proxy have the proxy's: let it bound its own clients.",
+    )
+
     # Writing
     commit_queue: int = Field(1024, gt=0, description="Writes that may wait for the writer; more are refused (503).")
     commit_batch: int = Field(128, gt=0, description="Most writes in one group commit.")

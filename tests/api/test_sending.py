@@ -17,6 +17,7 @@ from tests.api.house import ARROW
 from tests.support.contexts import make_location, opened
 from tests.support.databases import migrate_to_head
 from tests.support.waiting import until
+from tidemap.server.census import Census
 from tidemap.services.context import Context
 from tidemap.services.locations import find_location
 from tidemap.services.predict import StateQuery, state_at
@@ -65,7 +66,7 @@ def waving(seed: int, n_cells: int) -> Spectrum:
 def port(ctx: Context) -> Iterator[int]:
     """A server in this process, so that it can be seen who has what."""
     with open_site(ctx) as site, socket.create_server(("127.0.0.1", 0)) as bound:
-        server = uvicorn.Server(configure(site, "127.0.0.1", 0))
+        server = uvicorn.Server(configure(site, "127.0.0.1", 0, Census(10, 10)))
         thread = Thread(target=server.run, args=([bound],))
         thread.start()
         yield bound.getsockname()[1]

@@ -17,6 +17,7 @@ from fastapi import Request, Response
 
 from tests.bench import databases
 from tests.support.contexts import opened
+from tidemap.server.census import Census
 from tidemap_web.serve import SWITCH_S, configure
 from tidemap_web.site import open_site
 
@@ -75,7 +76,7 @@ def main(name: str) -> None:
     bound = socket.create_server(("127.0.0.1", 0))
     with APPLICATIONS[name]() as application:
         print(bound.getsockname()[1], flush=True)
-        uvicorn.Server(configure(application, "127.0.0.1", 0)).run([bound])
+        uvicorn.Server(configure(application, "127.0.0.1", 0, Census(1000, 1000))).run([bound])
 
 
 if __name__ == "__main__":

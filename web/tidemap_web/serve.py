@@ -6,16 +6,20 @@ import logging
 import signal
 import socket
 import sys
+from asyncio import Protocol
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from threading import Event, Thread
-from typing import Any
+from typing import Any, cast
 
 import uvicorn
 
 from tidemap.client import Client
 from tidemap.demo import live
 from tidemap.demo.seed import seed
+from tidemap.server.census import Census
+from tidemap.server.protocol import BoundedHttpProtocol, BoundedWebSocketProtocol
 from tidemap.services.context import Context
 from tidemap.services.keys import create_key, delete_key, is_open
 from tidemap.services.warm import warm
@@ -24,6 +28,8 @@ from tidemap_web.site import open_site
 
 log = logging.getLogger(__name__)
 GRACE_S = 10
+MAX_MESSAGE_BYTES = 2**20
+"""Largest message of a WebSocket's client; what the server sends has no such bound."""
 SWITCH_S = 0.0005
 """Threads that compute give way after so long: one that reads gives way at every row, and waited 5 ms for each."""
 
@@ -57,7 +63,8 @@ def serve(ctx: Context, options: Options) -> int:
     with ExitStack() as stack:
         stack.enter_context(giving_back())
         site = stack.enter_context(open_site(ctx))
-        config = configure(site, settings.host, settings.port)
+        census = Census(settings.max_connections, settings.max_connections_per_address)
+        config = configure(site, settings.host, settings.port, census)
         bound = _bind(settings.host, settings.port)
         stack.callback(bound.close)
         url = _url(bound)
@@ -78,7 +85,7 @@ def serve(ctx: Context, options: Options) -> int:
         return 0 if server.started else 1
 
 
-def configure(site: Any, host: str, port: int) -> uvicorn.Config:
+def configure(site: Any, host: str, port: int, census: Census) -> uvicorn.Config:
     """How uvicorn serves an ASGI application here."""
     return uvicorn.Config(
         site,
@@ -88,7 +95,9 @@ def configure(site: Any, host: str, port: int) -> uvicorn.Config:
         access_log=False,
         server_header=False,
         timeout_graceful_shutdown=GRACE_S,
-        ws_max_size=64 * 2**20,
+        http=cast("type[Protocol]", partial(BoundedHttpProtocol, census=census)),
+        ws=BoundedWebSocketProtocol,
+        ws_max_size=MAX_MESSAGE_BYTES,
         ws_per_message_deflate=False,
     )
 

@@ -1,0 +1,200 @@
+"""HTTP and WebSocket connections with bounds: on the request's head, on the time it takes, on connections.
+
+uvicorn's httptools protocol has no bound on any of them. A head is the request line with the header lines; trailers
+and the lengths of chunks count as part of it.
+"""
+
+from asyncio import BaseTransport, TimerHandle
+from http import HTTPStatus
+from typing import Any
+
+import httptools
+import orjson
+from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+
+from tidemap.server.census import Census
+
+MAX_HEAD_BYTES = 64 * 2**10
+MAX_HEAD_LINES = 100
+MAX_HEAD_S = 10.0
+MAX_LINGER_S = 5.0
+"""How long the rest of a body may take whose request is answered already."""
+CHUNK_OVERHEAD = 16
+"""Bytes around each byte of a body that arrives in the smallest of chunks."""
+
+
+class HeadTooLargeError(Exception):
+    """The head is longer than the bounds; raised within the parser, which stops."""
+
+
+class BoundedHttpProtocol(HttpToolsProtocol):
+    """An HTTP connection that refuses endless heads (431), slow ones (408) and one connection too many (503)."""
+
+    def __init__(self, *args: Any, census: Census, **how: Any) -> None:
+        super().__init__(*args, **how)
+        self._census = census
+        self._address: str | None = None
+        self._deadline: TimerHandle | None = None
+        self._lines = 0
+        self._parsed = 0
+        self._raw = 0
+        self._body = 0
+        self._reading_body = False
+
+    def connection_made(self, transport: BaseTransport) -> None:
+        """Count the connection; its first head has to come soon."""
+        super().connection_made(transport)  # type: ignore[arg-type]
+        address = self.client[0] if self.client else ""
+        if self._census.enter(address):
+            self._address = address
+            self._expect(MAX_HEAD_S)
+        else:
+            self._refuse(503, "Too many connections are open. Close some, or try again in a second.")
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """The connection counts no more."""
+        self._settle()
+        self._leave()
+        super().connection_lost(exc)
+
+    def data_received(self, data: bytes) -> None:
+        """Parse what has come, within the bounds."""
+        self._unset_keepalive_if_required()
+        if self.transport.is_closing():
+            return
+        if self._deadline is None and not self._reading_body:
+            self._expect(MAX_HEAD_S)
+        before = self._raw
+        self._raw += len(data)
+        try:
+            self.parser.feed_data(data)
+        except httptools.HttpParserUpgrade:
+            self._upgrade()
+            return
+        except httptools.HttpParserError as error:
+            self._refuse_head(isinstance(error.__context__, HeadTooLargeError))
+            return
+        if before and self._raw - self._body > MAX_HEAD_BYTES + CHUNK_OVERHEAD * self._body:
+            self._refuse_head(too_large=True)
+
+    def on_message_begin(self) -> None:
+        """A new head."""
+        super().on_message_begin()
+        self._lines = self._parsed = self._raw = self._body = 0
+
+    def on_url(self, url: bytes) -> None:
+        """A part of the request line."""
+        self._count(len(url))
+        super().on_url(url)
+
+    def on_header(self, name: bytes, value: bytes) -> None:
+        """A header line, or a trailer."""
+        self._lines += 1
+        self._count(len(name) + len(value) + len(b": \r\n"))
+        super().on_header(name, value)
+
+    def on_headers_complete(self) -> None:
+        """The head is complete; how long the body may take is its reader's business."""
+        self._settle()
+        self._reading_body = True
+        super().on_headers_complete()
+
+    def on_body(self, body: bytes) -> None:
+        """A part of the body."""
+        self._body += len(body)
+        super().on_body(body)
+
+    def on_message_complete(self) -> None:
+        """The request is complete."""
+        self._reading_body = False
+        self._raw = 0
+        self._settle()
+        super().on_message_complete()
+
+    def on_response_complete(self) -> None:
+        """Answered; a body of which more is to come has a moment left."""
+        super().on_response_complete()
+        if self._reading_body and not self.transport.is_closing():
+            self._deadline = self.loop.call_later(MAX_LINGER_S, self.transport.close)
+
+    def _count(self, n_bytes: int) -> None:
+        self._parsed += n_bytes
+        if self._parsed > MAX_HEAD_BYTES or self._lines > MAX_HEAD_LINES:
+            raise HeadTooLargeError
+
+    def _upgrade(self) -> None:
+        if self._should_upgrade():
+            address, self._address = self._address, None
+            self.handle_websocket_upgrade()
+            protocol = self.transport.get_protocol()
+            if isinstance(protocol, BoundedWebSocketProtocol):
+                protocol.counted(self._census, address)
+
+    def _expect(self, seconds: float) -> None:
+        self._deadline = self.loop.call_later(seconds, self._too_slow)
+
+    def _settle(self) -> None:
+        if self._deadline is not None:
+            self._deadline.cancel()
+            self._deadline = None
+
+    def _too_slow(self) -> None:
+        self._refuse(408, f"The head of the request was not complete within {MAX_HEAD_S:g} s.")
+
+    def _refuse_head(self, too_large: bool) -> None:
+        if too_large:
+            bounds = f"{MAX_HEAD_BYTES // 2**10} kB and {MAX_HEAD_LINES} lines"
+            self._refuse(431, f"The head of a request may have {bounds}, trailers included. Send less.")
+        else:
+            self._refuse(400, "This is no HTTP/1.1 request.")
+
+    def _refuse(self, status: int, detail: str) -> None:
+        """Answer with a problem document, unless another answer is on its way, and close."""
+        self._settle()
+        if not self.transport.is_closing():
+            if self.cycle is None or self.cycle.response_complete:
+                self.transport.write(problem(status, detail))
+            self.transport.close()
+
+    def _leave(self) -> None:
+        if self._address is not None:
+            self._census.leave(self._address)
+            self._address = None
+
+
+class BoundedWebSocketProtocol(WebSocketsSansIOProtocol):
+    """A WebSocket that counts as a connection, and whose refusal is complete when it has been sent."""
+
+    _census: Census | None = None
+    _address: str | None = None
+
+    def counted(self, census: Census, address: str | None) -> None:
+        """Leave `census` when the connection closes."""
+        self._census, self._address = census, address
+
+    async def send(self, message: Any) -> None:
+        """As uvicorn, which forgets that a refusal with a body ends the handshake, and logs an error."""
+        await super().send(message)
+        if message["type"] == "websocket.http.response.body" and not message.get("more_body", False):
+            self.handshake_complete = True
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """The connection counts no more."""
+        super().connection_lost(exc)
+        if self._census is not None and self._address is not None:
+            self._census.leave(self._address)
+            self._address = None
+
+
+def problem(status: int, detail: str) -> bytes:
+    """A whole response with a problem document, after which the connection closes."""
+    title = HTTPStatus(status).phrase
+    document = orjson.dumps({"type": "about:blank", "title": title, "status": status, "detail": detail})
+    lines = [
+        b"content-type: application/problem+json",
+        b"content-length: %d" % len(document),
+        b"connection: close",
+        *([b"retry-after: 1"] if status == HTTPStatus.SERVICE_UNAVAILABLE else []),
+    ]
+    return STATUS_LINE[status] + b"\r\n".join(lines) + b"\r\n\r\n" + document
