@@ -15,12 +15,12 @@ from docs.paper.orders import Row
 from docs.paper.recordings import DAY_S, SECONDS, WEEK_MINUTES, Runs, runs
 from tests.support.office import Office
 from tests.unit.spectral.real import MONDAY
+from tidemap.history.history import History
+from tidemap.history.timebase import TimeBase
 from tidemap.spectral.anomaly import is_anomalous
-from tidemap.spectral.history import History
 from tidemap.spectral.model import Model, update
 from tidemap.spectral.prediction import predict_times
 from tidemap.spectral.spectrum import components
-from tidemap.spectral.timebase import TimeBase
 
 SHOWN_ORDER, FORECAST_ORDER, ANOMALY_ORDER = 3, 2, 15
 CONFIDENCE = 0.95

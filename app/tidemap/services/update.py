@@ -7,14 +7,14 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from tidemap.errors import CorruptChunkError, InvalidInputError
+from tidemap.history.history import History
 from tidemap.services.compaction import compact, forget
 from tidemap.services.context import Context
 from tidemap.services.history import read_compacted, window
-from tidemap.spectral.history import History
+from tidemap.spectral.auto.selection import Selection, choose
 from tidemap.spectral.model import fit_part
 from tidemap.spectral.outliers import count_outliers
 from tidemap.spectral.recipe import Recipe
-from tidemap.spectral.selection import Selection, choose
 from tidemap.spectral.window import fit_window
 from tidemap.storage.records import LocationRecord, RevisionRecord
 from tidemap.storage.work import Work

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.spectral.jit import kernel
+from tidemap.history.jit import kernel
 
 CHUNK = 16
 """Bins looked at together; most chunks hold none of the greatest and cost one comparison."""
@@ -33,7 +33,7 @@ def unpack(
 
 
 @kernel
-def greatest(
+def top_k(
     bins: NDArray[np.complex64],
     scale: NDArray[np.float32],
     nyquist: bool,

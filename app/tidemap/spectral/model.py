@@ -5,15 +5,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.spectral import bits
+from tidemap.history import bits
+from tidemap.history.history import UNOBSERVED, History
+from tidemap.history.timebase import TimeBase
 from tidemap.spectral.estimators import fit_recipe
-from tidemap.spectral.history import UNOBSERVED, History
 from tidemap.spectral.outliers import Outliers, count, find_outliers
 from tidemap.spectral.prediction import predict
 from tidemap.spectral.recipe import Recipe
 from tidemap.spectral.reconstruction import predicted_words
 from tidemap.spectral.spectrum import Spectrum
-from tidemap.spectral.timebase import TimeBase
 
 __all__ = ["Model", "accuracy", "add", "predict", "reconstruct", "refit", "update"]
 

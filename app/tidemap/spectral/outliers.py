@@ -6,11 +6,11 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.spectral import bits
-from tidemap.spectral.history import History
+from tidemap.history import bits
+from tidemap.history.history import History
+from tidemap.history.timebase import TimeBase
 from tidemap.spectral.reconstruction import predicted_words
 from tidemap.spectral.spectrum import Spectrum
-from tidemap.spectral.timebase import TimeBase
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -77,7 +77,7 @@ def write_waves(
             kernels.values(spectrum.mean, *waves, value)
             if spectrum.link == "logit":
                 probability(spectrum, value)
-            kernels.tell(at[rows], value, confidence, 1 - confidence, out.probability, out.state, out.verdict)
+            kernels.write_verdicts(at[rows], value, confidence, 1 - confidence, out.probability, out.state, out.verdict)
 
     _share(spectrum, threads, write)
 
@@ -133,7 +133,7 @@ def phasors(spectrum: Spectrum, time: NDArray[np.float64]) -> NDArray[np.complex
 def tau_phasors(spectrum: Spectrum, tau_s: NDArray[np.float64]) -> NDArray[np.complex64]:
     """The same at times that are given as τ."""
     table = np.empty((spectrum.n_waves, tau_s.size), np.complex64)
-    kernels.turns(spectrum.frequency_hz, tau_s, table)
+    kernels.unit_phasors(spectrum.frequency_hz, tau_s, table)
     table *= np.float32(2)
     if spectrum.gate.any():
         table *= gates(spectrum, tau_s)

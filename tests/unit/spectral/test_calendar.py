@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tidemap.spectral import ascent, folding, waves
-from tidemap.spectral.ascent import base_logit, fit_rows
+from tidemap.history.history import History
+from tidemap.history.timebase import TimeBase
+from tidemap.spectral.calendar import folding, logistic, waves
+from tidemap.spectral.calendar.folding import Weeks
+from tidemap.spectral.calendar.logistic import base_logit, fit_rows
 from tidemap.spectral.civil import civil_seconds
 from tidemap.spectral.estimators import ESTIMATORS, fit, fit_recipe
 from tidemap.spectral.evaluation import score
-from tidemap.spectral.folding import Weeks
-from tidemap.spectral.history import History
 from tidemap.spectral.model import reconstruct, refit
 from tidemap.spectral.prediction import predict_slow, predict_times
 from tidemap.spectral.recipe import PRIORS, Prior, Recipe
 from tidemap.spectral.reconstruction import predicted_words
 from tidemap.spectral.spectrum import Spectrum, components, concatenate, truncate
-from tidemap.spectral.timebase import TimeBase
 
 LONDON = "Europe/London"
 SPRING = 1_711_324_800.0
@@ -95,8 +95,8 @@ def test_the_ascent_finds_the_maximum(prior: Prior) -> None:
 @pytest.mark.parametrize("interval_s", [60.0, 300.0, 900.0])
 def test_folding_costs_less_than_a_hundredth_of_probability(interval_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Against the fit of every sample at its own time, with the same weights."""
-    monkeypatch.setattr(ascent, "TOLERANCE", 1e-5)
-    monkeypatch.setattr(ascent, "STEPS", 300)
+    monkeypatch.setattr(logistic, "TOLERANCE", 1e-5)
+    monkeypatch.setattr(logistic, "STEPS", 300)
     base, prior = TimeBase(BASE.epoch, interval_s), Prior(half_life_days=10.0)
     history = working_hours(9, base)
     tau_s = civil_seconds(base.time(np.arange(history.n_samples)), LONDON)

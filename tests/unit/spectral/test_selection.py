@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 from tests.unit.spectral import real
 from tests.unit.spectral.rivals import KINDS, histogram
 from tests.unit.spectral.test_calendar import BASE, DAY, LONDON, working_hours
+from tidemap.history.history import UNOBSERVED, History
+from tidemap.history.timebase import TimeBase
+from tidemap.spectral.auto.selection import Selection, choose
+from tidemap.spectral.auto.trials import plan, task
 from tidemap.spectral.civil import civil_seconds
 from tidemap.spectral.estimators import fit_recipe
 from tidemap.spectral.evaluation import Scores, expected_calibration_error, reliability, score
-from tidemap.spectral.history import UNOBSERVED, History
 from tidemap.spectral.prediction import predict_times
 from tidemap.spectral.recipe import Prior, Recipe
-from tidemap.spectral.selection import Selection, choose
-from tidemap.spectral.timebase import TimeBase
-from tidemap.spectral.trials import plan, task
 from tidemap.spectral.window import fit_window
 
 WEEK = 7 * 1440

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tidemap.history.bits import WORD
+from tidemap.history.history import History
+from tidemap.history.timebase import TimeBase
 from tidemap.spectral import prediction, reconstruction
-from tidemap.spectral.bits import WORD
 from tidemap.spectral.civil import civil_seconds
 from tidemap.spectral.estimators import fit
-from tidemap.spectral.history import History
 from tidemap.spectral.prediction import (
     Answer,
     entropy,
@@ -27,7 +28,6 @@ from tidemap.spectral.prediction import (
     write_waves,
 )
 from tidemap.spectral.spectrum import Spectrum, components, concatenate, select, truncate
-from tidemap.spectral.timebase import TimeBase
 
 BASE = TimeBase(epoch=1.7e9, interval_s=300.0)
 BOUND = 2e-5

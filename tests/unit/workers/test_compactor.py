@@ -25,12 +25,12 @@ from tests.support.contexts import (
 )
 from tests.support.waiting import until
 from tidemap.errors import ShuttingDownError
+from tidemap.history.history import UNOBSERVED
 from tidemap.services import compaction
 from tidemap.services.context import Context
 from tidemap.services.jobs import request_update
 from tidemap.services.locations import find_location
 from tidemap.services.update import UpdateRequest
-from tidemap.spectral.history import UNOBSERVED
 from tidemap.storage.records import LocationRecord
 from tidemap.storage.tables import history, observation
 from tidemap.storage.work import Work

@@ -7,8 +7,8 @@ direction, and needs no factorisation.
 import numpy as np
 from numpy.typing import NDArray
 
+from tidemap.history.jit import fused_kernel
 from tidemap.spectral.blas import single_threaded
-from tidemap.spectral.jit import fused_kernel
 
 ROWS = 64
 """Rows fitted at once; blocks are filled up to it, so that a row does not depend on its batch."""

@@ -7,17 +7,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.spectral import folding
+from tidemap.history.history import History
+from tidemap.history.timebase import TimeBase
+from tidemap.spectral.calendar import folding
+from tidemap.spectral.calendar.folding import Visits, Weeks
+from tidemap.spectral.calendar.waves import SLOTS, SLOTS_A_DAY
 from tidemap.spectral.evaluation import LOG_LOSS_FLOOR, Scores
-from tidemap.spectral.folding import Visits, Weeks
-from tidemap.spectral.history import History
-from tidemap.spectral.timebase import TimeBase
-from tidemap.spectral.waves import SLOTS, SLOTS_A_DAY
 
 SHORT_DAYS = 14
 """Shorter histories are tried by leaving out every single day; of longer ones the later half is predicted."""
-MOST_TRIALS = 8
-LONGEST_DAYS = 7
+MAX_TRIALS = 8
+MAX_TRIAL_DAYS = 7
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class Trial:
         return (day < self.first) | (self.around & (day >= self.last))
 
 
-def plan(n_days: int, most: int = MOST_TRIALS) -> list[Trial]:
+def plan(n_days: int, most: int = MAX_TRIALS) -> list[Trial]:
     """The trials of a history that touches `n_days` civil days.
 
     >>> [(trial.first, trial.last) for trial in plan(28, 4)]
@@ -43,7 +43,7 @@ def plan(n_days: int, most: int = MOST_TRIALS) -> list[Trial]:
     if n_days < SHORT_DAYS:
         days = np.unique(np.linspace(0, n_days - 1, min(most, n_days)).astype(int)) if n_days > most else range(n_days)
         return [Trial(int(day), int(day) + 1, True) for day in days]
-    span = min(LONGEST_DAYS, n_days // 8)
+    span = min(MAX_TRIAL_DAYS, n_days // 8)
     count = min(most, n_days // (2 * span))
     return [Trial(n_days - span * (i + 1), n_days - span * i, False) for i in reversed(range(count))]
 

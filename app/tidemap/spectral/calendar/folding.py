@@ -10,12 +10,12 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.spectral.bits import LAST, ONE, Plane, Words, aligned_word, ones
+from tidemap.history.bits import LAST, ONE, Plane, Words, aligned_word, ones
+from tidemap.history.history import History
+from tidemap.history.jit import fused_kernel, kernel
+from tidemap.history.timebase import TimeBase
+from tidemap.spectral.calendar.waves import DAY_S, PHASES, SLOT_S, SLOTS, SLOTS_A_DAY, WEEK_S
 from tidemap.spectral.civil import civil_seconds
-from tidemap.spectral.history import History
-from tidemap.spectral.jit import fused_kernel, kernel
-from tidemap.spectral.timebase import TimeBase
-from tidemap.spectral.waves import DAY_S, PHASES, SLOT_S, SLOTS, SLOTS_A_DAY, WEEK_S
 
 DAYS_A_WEEK = 7
 MAX_DAYS = 182

@@ -6,7 +6,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.spectral import bits
+from tidemap.history import bits
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,16 +7,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.spectral import folding, trials
-from tidemap.spectral.blending import FEW_CELLS, MARGINS, Blend, blend, grid, trust
+from tidemap.history.history import History
+from tidemap.history.timebase import TimeBase
+from tidemap.spectral.auto import trials
+from tidemap.spectral.auto.blending import FEW_CELLS, MARGINS, Blend, blend, grid, trust
+from tidemap.spectral.auto.trials import MAX_TRIALS, Task
+from tidemap.spectral.calendar import folding
 from tidemap.spectral.estimators import fit
 from tidemap.spectral.evaluation import Scores
-from tidemap.spectral.history import History
 from tidemap.spectral.prediction import predict_times
 from tidemap.spectral.recipe import PRIORS, Prior, Recipe
 from tidemap.spectral.spectrum import truncate
-from tidemap.spectral.timebase import TimeBase
-from tidemap.spectral.trials import MOST_TRIALS, Task
 from tidemap.spectral.window import DAY_S, fit_window
 
 MIN_DAYS = 2
@@ -54,13 +55,15 @@ class Selection:
     time_zone: str = "UTC"
     priors: tuple[Prior, ...] = PRIORS
     period_s: float | None = None
-    follow: float = 0.0
-    doubt: float = 0.0
+    carry_over: float = 0.0
+    level_sd: float = 0.0
 
     @property
     def recipe(self) -> Recipe:
         """What to fit all cells by."""
-        return Recipe(self.estimator, self.order, self.time_zone, self.priors, self.period_s, self.follow, self.doubt)
+        return Recipe(
+            self.estimator, self.order, self.time_zone, self.priors, self.period_s, self.carry_over, self.level_sd
+        )
 
 
 def choose(
@@ -90,7 +93,7 @@ def choose(
     changing = _changing(recent, max_cells, time_zone, base)
     if not changing.size:
         return _without(estimator, orders, time_zone, "no cell has changed")
-    most = MOST_TRIALS if changing.size <= FEW_CELLS else MOST_TRIALS // 2
+    most = MAX_TRIALS if changing.size <= FEW_CELLS else MAX_TRIALS // 2
     task = replace(trials.task(recent.cells(changing), base, time_zone or "UTC", most), check=check)
     mixed = blend(task) if time_zone is not None and estimator in ("auto", "calendar") else None
     table = tuple(_table(task, sorted(set(orders)), mixed, estimator))
@@ -119,7 +122,7 @@ def _changing(history: History, most: int, time_zone: str | None, base: TimeBase
     most = min(most, MAX_SAMPLES // history.n_samples)
     if time_zone is not None:
         days = math.ceil(history.n_samples * base.interval_s / DAY_S)
-        fits = len(grid(base.interval_s, changing.size, days)[0]) * MOST_TRIALS
+        fits = len(grid(base.interval_s, changing.size, days)[0]) * MAX_TRIALS
         most = min(most, 2 * MAX_FITS // fits)
     most = max(most, min(FEW_CELLS + 1, changing.size))
     return changing if changing.size <= most else changing[np.arange(most) * changing.size // most]
@@ -184,8 +187,8 @@ def _decide(
         reason=reason,
         priors=mixed.priors,
         period_s=mixed.period_s,
-        follow=mixed.follow,
-        doubt=mixed.doubt,
+        carry_over=mixed.carry_over,
+        level_sd=mixed.level_sd,
     )
 
 
@@ -208,6 +211,6 @@ def _settings(mixed: Blend) -> str:
     period = "" if mixed.period_s is None else f", with a period of {mixed.period_s / 3600:.3g} hours"
     return (
         f"; it averages {len(mixed.priors)} of {mixed.tried} settings, the first by {first.week}, "
-        f"{first.detail}, evidence {first.evidence:g}, {life}{period}; {mixed.follow:.0%} of the last day's "
+        f"{first.detail}, evidence {first.evidence:g}, {life}{period}; {mixed.carry_over:.0%} of the last day's "
         "departure is kept"
     )

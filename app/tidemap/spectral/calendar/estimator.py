@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.spectral import folding, level, waves
-from tidemap.spectral.ascent import evaluate, fit_rows
-from tidemap.spectral.folding import Visits
-from tidemap.spectral.history import History
+from tidemap.history.history import History
+from tidemap.history.timebase import TimeBase
+from tidemap.spectral.calendar import folding, level, waves
+from tidemap.spectral.calendar.folding import Visits
+from tidemap.spectral.calendar.logistic import evaluate, fit_rows
 from tidemap.spectral.recipe import Prior, Recipe
 from tidemap.spectral.spectrum import Spectrum, compact, static
-from tidemap.spectral.timebase import TimeBase
 
 BLOCK = 64
 FEW_PRIORS = 4
@@ -45,7 +45,7 @@ def fit_calendar(history: History, recipe: Recipe, base: TimeBase) -> Spectrum:
         beta = fit_cells(history, rows, seen, recipe, base)
         mean[rows] = beta[:, 0]
         part = slice(first, first + rows.size)
-        index[part], coefficient[part] = greatest(beta, order)
+        index[part], coefficient[part] = top_k(beta, order)
     if not order:
         return plain
     return compact(
@@ -64,7 +64,7 @@ def fit_cells(
     history: History, rows: NDArray[np.int64], seen: Visits, recipe: Recipe, base: TimeBase
 ) -> NDArray[np.float32]:
     """Coefficients (n_rows, 1 + 2 N_WAVES) of some cells: of each at most `order` waves are not 0."""
-    latest = {level.HALF_LIFE_DAYS} if recipe.follow else set()
+    latest = {level.HALF_LIFE_DAYS} if recipe.carry_over else set()
     lives = sorted(latest | {prior.half_life_days for prior in recipe.priors})
     weight = np.stack([folding.recency(seen.n_days, life) for life in lives])
     weeks = folding.fold(history, rows, seen, weight)
@@ -74,9 +74,9 @@ def fit_cells(
     if recipe.order < waves.N_WAVES:
         kept = kept_columns(beta, recipe.order)
         beta = blend_fits(design, by_life, recipe.priors, kept) if recipe.order < REFIT_BELOW else beta * kept
-    if recipe.follow:
-        beta[:, 0] += recipe.follow * level.departures(evaluate(design, beta), *by_life[level.HALF_LIFE_DAYS])
-    return beta * level.caution(recipe.doubt, folding.days_seen(history, rows, seen))[:, np.newaxis]
+    if recipe.carry_over:
+        beta[:, 0] += recipe.carry_over * level.departures(evaluate(design, beta), *by_life[level.HALF_LIFE_DAYS])
+    return beta * level.caution(recipe.level_sd, folding.days_seen(history, rows, seen))[:, np.newaxis]
 
 
 def blend_fits(
@@ -136,7 +136,7 @@ def kept_columns(beta: NDArray[np.float32], order: int) -> NDArray[np.float32]:
     return np.concatenate((np.ones((beta.shape[0], 1), np.float32), chosen, chosen), axis=1)
 
 
-def greatest(beta: NDArray[np.float32], order: int) -> tuple[NDArray[np.int64], NDArray[np.complex64]]:
+def top_k(beta: NDArray[np.float32], order: int) -> tuple[NDArray[np.int64], NDArray[np.complex64]]:
     """Index and coefficient (n_cells, order) of the greatest waves, descending.
 
     A wave a cos φ + b sin φ is 2 Re c exp(iφ) with c = (a - ib) / 2.

@@ -6,11 +6,11 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from tidemap.spectral.history import UNOBSERVED, History
+from tidemap.history.history import UNOBSERVED, History
+from tidemap.history.timebase import TimeBase
+from tidemap.spectral.calendar.waves import WEEK_S
 from tidemap.spectral.prediction import predict_times
 from tidemap.spectral.spectrum import Spectrum
-from tidemap.spectral.timebase import TimeBase
-from tidemap.spectral.waves import WEEK_S
 
 CYCLES: Final = 5
 """A period has to be seen this often."""

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.spectral import folding, level, waves
-from tidemap.spectral.ascent import evaluate, fit_rows
-from tidemap.spectral.calendar import fit_calendar, kept_columns, kinds
-from tidemap.spectral.folding import Weeks
-from tidemap.spectral.periods import find_period
+from tidemap.spectral.auto.trials import SHORT_DAYS, Task, losses
+from tidemap.spectral.calendar import folding, level, waves
+from tidemap.spectral.calendar.estimator import fit_calendar, kept_columns, kinds
+from tidemap.spectral.calendar.folding import Weeks
+from tidemap.spectral.calendar.logistic import evaluate, fit_rows
+from tidemap.spectral.calendar.periods import find_period
 from tidemap.spectral.recipe import Detail, Prior, Recipe, Week
-from tidemap.spectral.trials import SHORT_DAYS, Task, losses
 
 TRUST = 0.04
 """What a nat of log loss counts where neighbouring visits are a quarter of an hour apart or less."""
@@ -30,7 +30,7 @@ MEMBERS = (60, 2)
 """Priors averaged at most: where few cells decide, all of some weight, and where many do and cost counts."""
 DEAR_EVIDENCE = 1.0
 """More evidence, sharp edges and weekdays that differ much take more steps to fit: for few cells only."""
-LEAST_WEIGHT = 0.002
+MIN_WEIGHT = 0.002
 PERIOD_BELIEF = 2.0
 """What a period has to be better by, as a logarithm, for it was found on the days it is tried on."""
 MARGINS = (1.0, 1.002)
@@ -61,9 +61,9 @@ SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Shares of the last day's departure that may be followed."""
 SHARE_SLOPE = -2.0
 """Belief in following all of it against none, beforehand: that days depend on each other has to show."""
-FOLLOWED = 8.0
+CARRY_OVER_TRUST = 8.0
 """How much more than `trust` a nat counts in that: one number is chosen, not a whole rhythm."""
-DOUBT = 0.4
+LEVEL_SD = 0.4
 """Standard deviation of the level of a week, on the logit scale."""
 
 
@@ -103,8 +103,8 @@ class Blend:
     design: NDArray[np.float32]
     truth: Weeks
     period_s: float | None = None
-    follow: float = 0.0
-    doubt: float = 0.0
+    carry_over: float = 0.0
+    level_sd: float = 0.0
 
     @property
     def loss(self) -> float:
@@ -144,22 +144,22 @@ def _with_period(task: Task, mixed: Blend) -> Blend:
 
 
 def _levelled(task: Task, mixed: Blend) -> Blend:
-    """The same with the share of the last day's departure that predicted well, and with doubt of every level."""
+    """The same with the share of the last day's departure that predicted well, and with `LEVEL_SD`."""
     beta, latest = mixed.beta.copy(), _past(task, [level.HALF_LIFE_DAYS])
     rows = evaluate(mixed.design, beta.reshape(-1, beta.shape[-1]))
     seen, full = (each.reshape(rows.shape) for each in (latest.seen, latest.full))
     apart = level.departures(rows, seen, full).reshape(*beta.shape[:2], 1)
     eta = rows.reshape(task.truth.seen.shape)
-    follow = _share([losses(_logistic(eta + share * apart), task.truth).sum() for share in SHARES], task)
-    beta[..., :1] += follow * apart
+    carry_over = _share([losses(_logistic(eta + share * apart), task.truth).sum() for share in SHARES], task)
+    beta[..., :1] += carry_over * apart
     days = np.array([[[trial.learned(task.visits.n_days).sum()]] for trial in task.trials])
-    return replace(mixed, beta=beta * level.caution(DOUBT, days), follow=follow, doubt=DOUBT)
+    return replace(mixed, beta=beta * level.caution(LEVEL_SD, days), carry_over=carry_over, level_sd=LEVEL_SD)
 
 
 def _share(loss: Sequence[float], task: Task) -> float:
     """The average share, weighed as settings are; days left out tell nothing of days to come."""
     told = np.zeros(len(SHARES)) if task.trials[0].around else np.array(loss)
-    weight = np.exp(SHARE_SLOPE * np.array(SHARES) - FOLLOWED * trust(task) * (told - told.min()))
+    weight = np.exp(SHARE_SLOPE * np.array(SHARES) - CARRY_OVER_TRUST * trust(task) * (told - told.min()))
     return round(float(weight @ SHARES / weight.sum()), 2)
 
 
@@ -178,7 +178,7 @@ def _weights(
     order = np.argsort(-log_weight, kind="stable")[:most]
     weight = np.exp(log_weight[order] - log_weight[order[0]])
     weight = np.round(weight / weight.sum(), 3)
-    kept = weight >= LEAST_WEIGHT
+    kept = weight >= MIN_WEIGHT
     return order[kept], weight[kept] / weight[kept].sum()
 
 
