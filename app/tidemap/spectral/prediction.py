@@ -119,7 +119,7 @@ def predict_slow(spectrum: Spectrum, time: ArrayLike, cells: ArrayLike | None = 
     wave = np.exp(2j * np.pi * chosen.frequency_hz[:, np.newaxis] * tau_s) * gates(chosen, tau_s)
     value = np.repeat(chosen.mean.astype(np.float64)[:, np.newaxis], tau_s.size, axis=1)
     for cell, index, coefficient in zip(chosen.cell, chosen.index, chosen.coefficient, strict=True):
-        value[cell] += 2 * (coefficient.astype(np.complex128) @ wave[index]).real
+        value[cell] += 2 * (coefficient.astype(np.complex128)[:, np.newaxis] * wave[index]).sum(axis=0).real
     if chosen.link == "logit":
         return np.asarray(1 / (1 + np.exp(-value)))
     return np.clip(value, 0.0, 1.0)

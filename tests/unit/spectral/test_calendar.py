@@ -20,7 +20,7 @@ from tidemap.spectral.model import reconstruct, refit
 from tidemap.spectral.prediction import predict_slow, predict_times
 from tidemap.spectral.recipe import PRIORS, Prior, Recipe
 from tidemap.spectral.reconstruction import predicted_words
-from tidemap.spectral.spectrum import Spectrum, components, concatenate, truncate
+from tidemap.spectral.spectrum import Spectrum, components, truncate
 
 LONDON = "Europe/London"
 SPRING = 1_711_324_800.0
@@ -190,17 +190,6 @@ def test_every_estimator_handles_every_cell(name: str) -> None:
     assert np.all(p[3] > 0.5)
     assert np.all((p[4] >= 0) & (p[4] <= 1))
     assert np.all(np.isnan(p[5]))
-
-
-def test_a_batch_does_not_change_a_cell() -> None:
-    states = np.random.default_rng(5).integers(0, 3, (150, 4 * DAY)).astype(np.uint8)
-    states[:, ::2] = states[:, :1]
-    history, recipe = History.from_states(states), Recipe("calendar", 9, LONDON)
-    parts = [fit_recipe(history.cells(np.arange(a, b)), recipe, BASE) for a, b in ((0, 1), (1, 70), (70, 150))]
-    whole, joined = fit_recipe(history, recipe, BASE), concatenate(parts)
-    np.testing.assert_array_equal(whole.mean, joined.mean)
-    np.testing.assert_array_equal(whole.coefficient, joined.coefficient)
-    np.testing.assert_array_equal(whole.frequency_hz[whole.index], joined.frequency_hz[joined.index])
 
 
 def test_the_order_of_arrival_and_a_second_fit_change_nothing() -> None:

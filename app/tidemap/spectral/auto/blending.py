@@ -109,13 +109,13 @@ class Blend:
     @property
     def loss(self) -> float:
         """The log loss of the average of all waves, summed over trials, cells and slots."""
-        return float(losses(_logistic(self.beta @ self.design.T), self.truth).sum())
+        return float(losses(_logistic(evaluate(self.design, self.beta)), self.truth).sum())
 
     def probability(self, order: int) -> NDArray[np.float32]:
         """What the average of this order predicted, shaped as the truth."""
         flat = self.beta.reshape(-1, self.beta.shape[-1])
         cut = flat * kept_columns(flat, order) if 1 + 2 * order < flat.shape[1] else flat
-        return _logistic(cut.reshape(self.beta.shape) @ self.design.T)
+        return _logistic(evaluate(self.design, cut.reshape(self.beta.shape)))
 
 
 def blend(task: Task) -> Blend:
@@ -123,7 +123,7 @@ def blend(task: Task) -> Blend:
     design = waves.design(folding.slot_offset_s(task.base))
     priors, belief = grid(task.base.interval_s, task.history.n_cells, task.visits.n_days)
     beta = _fits(task, priors, design)
-    loss = np.array([losses(_logistic(each @ design.T), task.truth).sum() for each in beta])
+    loss = np.array([losses(_logistic(evaluate(design, each)), task.truth).sum() for each in beta])
     chosen, weight = _weights(trust(task) * loss, belief, task.history.n_cells)
     members = tuple(replace(priors[i], weight=float(w)) for i, w in zip(chosen, weight, strict=True))
     average = np.einsum("p,ptcx->tcx", weight.astype(np.float32), beta[chosen])
@@ -146,7 +146,7 @@ def _with_period(task: Task, mixed: Blend) -> Blend:
 def _levelled(task: Task, mixed: Blend) -> Blend:
     """The same with the share of the last day's departure that predicted well, and with `LEVEL_SD`."""
     beta, latest = mixed.beta.copy(), _past(task, [level.HALF_LIFE_DAYS])
-    rows = evaluate(mixed.design, beta.reshape(-1, beta.shape[-1]))
+    rows = evaluate(mixed.design, beta).reshape(-1, mixed.design.shape[0])
     seen, full = (each.reshape(rows.shape) for each in (latest.seen, latest.full))
     apart = level.departures(rows, seen, full).reshape(*beta.shape[:2], 1)
     eta = rows.reshape(task.truth.seen.shape)
@@ -160,7 +160,7 @@ def _share(loss: Sequence[float], task: Task) -> float:
     """The average share, weighed as settings are; days left out tell nothing of days to come."""
     told = np.zeros(len(SHARES)) if task.trials[0].around else np.array(loss)
     weight = np.exp(SHARE_SLOPE * np.array(SHARES) - CARRY_OVER_TRUST * trust(task) * (told - told.min()))
-    return round(float(weight @ SHARES / weight.sum()), 2)
+    return round(float((weight * SHARES).sum() / weight.sum()), 2)
 
 
 def trust(task: Task) -> float:

@@ -10,7 +10,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.spectral.calendar.logistic import Matrix, Vector, response
+from tidemap.spectral.calendar.logistic import Vector, response
+from tidemap.spectral.calendar.products import Matrix
 
 HALF_LIFE_DAYS: Final = 1.0
 """How soon the days before the last count less."""

@@ -8,16 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.history.jit import fused_kernel
-from tidemap.spectral.blas import single_threaded
+from tidemap.spectral.calendar.products import Matrix, Panels, pack, product
 
 ROWS = 64
-"""Rows fitted at once; blocks are filled up to it, so that a row does not depend on its batch."""
+"""Rows fitted at once, so that what they need stays in the processor's cache."""
 STEPS = 40
 TOLERANCE = 0.01
 """A row is done when its log posterior is within about half of this, in nats, of its maximum."""
 OVERSHOT = -0.5
 
-Matrix = NDArray[np.float32]
 Vector = NDArray[np.float32]
 
 
@@ -37,10 +36,9 @@ def fit_rows(
     kept (n_rows, n_columns): 0 leaves a column out of a row. start: where to begin, it changes the
     cost alone. The intercept is drawn to `base_logit`.
     """
-    single_threaded()
     used = np.flatnonzero(np.isfinite(penalty))
     columns = np.ascontiguousarray(design[:, used])
-    plan = (columns, np.ascontiguousarray(columns.T), np.asarray(np.mean(columns * columns, axis=0), np.float32))
+    plan = (pack(columns), pack(columns.T), np.asarray(np.mean(columns * columns, axis=0), np.float32))
     centre = base_logit(seen, full)
     begin = np.zeros((seen.shape[0], used.size), np.float32) if start is None else start[:, used]
     allowed = np.ones_like(begin) if kept is None else kept[:, used]
@@ -52,19 +50,14 @@ def fit_rows(
         if start is not None:
             at[:, 0] -= centre[rows]
         parts = (seen[rows] * one, full[rows] * one, allowed[rows], centre[rows, np.newaxis], at * allowed[rows])
-        found = _ascend(*plan, penalty[used], *(_filled(part) for part in parts))
-        out[rows, used] = found[: one.shape[0]]
+        out[rows, used] = _ascend(*plan, penalty[used], *parts)
     return out
 
 
 def evaluate(design: Matrix, beta: Matrix) -> Matrix:
-    """The logits (n_rows, n_slots) of coefficients; no row depends on its batch."""
-    single_threaded()
-    transposed, out = design.T, np.empty((beta.shape[0], design.shape[0]), np.float32)
-    for first in range(0, beta.shape[0], ROWS):
-        part = beta[first : first + ROWS]
-        out[first : first + ROWS] = (_filled(part) @ transposed)[: part.shape[0]]
-    return out
+    """The logits (…, n_slots) of coefficients (…, n_columns)."""
+    rows = product(beta.reshape(-1, beta.shape[-1]), pack(design.T))
+    return rows.reshape(*beta.shape[:-1], design.shape[0])
 
 
 def base_logit(seen: Matrix, full: Matrix) -> Vector:
@@ -73,17 +66,13 @@ def base_logit(seen: Matrix, full: Matrix) -> Vector:
     return np.asarray(np.log((n_full + 0.5) / (n_seen - n_full + 0.5)), np.float32)
 
 
-def _filled(part: Matrix) -> Matrix:
-    return np.pad(part, ((0, ROWS - part.shape[0]), (0, 0))) if part.shape[0] < ROWS else part
-
-
 def _dot(a: Matrix, b: Matrix) -> Vector:
     return np.asarray(np.einsum("ij,ij->i", a, b), np.float32)
 
 
 def _ascend(
-    design: Matrix,
-    transposed: Matrix,
+    design: Panels,
+    transposed: Panels,
     square: Vector,
     penalty: Vector,
     seen: Matrix,
@@ -96,11 +85,11 @@ def _ascend(
     share = 1 / (1 + np.exp(-centre))
     level = seen.sum(axis=1, keepdims=True) * share * (1 - share)
     scale = kept / np.maximum(penalty + level * square, np.float32(1e-6))
-    eta = centre + beta @ transposed
+    eta = centre + product(beta, transposed)
     residual, curvature = response(eta, seen, full)
-    step, before, drop = np.zeros_like(beta), np.zeros_like(beta), np.ones(ROWS, np.float32)
+    step, before, drop = np.zeros_like(beta), np.zeros_like(beta), np.ones(beta.shape[0], np.float32)
     for _ in range(STEPS):
-        gradient = residual @ design - penalty * beta
+        gradient = product(residual, design) - penalty * beta
         ahead = scale * gradient
         gain = _dot(gradient, ahead)
         running = gain > TOLERANCE
@@ -111,7 +100,7 @@ def _ascend(
         wrong = _dot(gradient, step) <= 0
         step[wrong] = ahead[wrong]
         before, drop = gradient, np.maximum(gain, np.float32(1e-20))
-        move = step @ transposed
+        move = product(step, transposed)
         slope, weighed = _dot(gradient, step), penalty * step
         bend = _dot(curvature, move * move) + _dot(weighed, step)
         length = np.where(running, slope / np.maximum(bend, np.float32(1e-20)), 0).astype(np.float32)

@@ -54,7 +54,7 @@ def _power(history: History, spectrum: Spectrum, base: TimeBase) -> NDArray[np.f
         p = predict_times(spectrum, time, [cell])[0]
         residual = np.where(state == UNOBSERVED, 0, state - np.nan_to_num(p))
         transform = scipy.fft.rfft(residual, FINER * _length(history))
-        total = total + np.abs(transform) ** 2 / max(1e-9, float(residual @ residual))
+        total = total + np.abs(transform) ** 2 / max(1e-9, float((residual * residual).sum()))
     return np.asarray(total, np.float64) / history.n_cells
 
 
