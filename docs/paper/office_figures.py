@@ -18,7 +18,7 @@ from tests.unit.spectral.real import MONDAY
 from tidemap.history.history import History
 from tidemap.history.timebase import TimeBase
 from tidemap.spectral.anomaly import is_anomalous
-from tidemap.spectral.model import Model, update
+from tidemap.spectral.model import SpectralModel, update
 from tidemap.spectral.prediction import predict_times
 from tidemap.spectral.spectrum import components
 
@@ -67,7 +67,7 @@ def _fill(axes: Axes, where: Runs, color: str, top: float = 1.0, bottom: float =
     )
 
 
-def _spectrum(axes: Axes, state: NDArray[np.uint8], fitted: Model) -> None:
+def _spectrum(axes: Axes, state: NDArray[np.uint8], fitted: SpectralModel) -> None:
     magnitude = np.abs(scipy.fft.rfft(state - state.mean())) / state.size
     per_day = np.arange(57) / 7
     chosen = np.round(components(fitted.spectrum, 0).frequency_hz * DAY_S * 7).astype(int)
@@ -78,7 +78,7 @@ def _spectrum(axes: Axes, state: NDArray[np.uint8], fitted: Model) -> None:
     axes.legend(loc="upper right")
 
 
-def _text(fitted: Model) -> str:
+def _text(fitted: SpectralModel) -> str:
     """The model as the paper prints it: triples of P, limits of O as differences."""
     found, outliers = components(fitted.spectrum, 0), fitted.outliers.of(0)
     rows = zip(found.amplitude / 2, found.phase, 1 / found.frequency_hz / 3600, strict=True)

@@ -16,7 +16,7 @@ from tidemap.spectral.estimators import ESTIMATORS
 from tidemap.spectral.model import add, reconstruct, update
 from tidemap.spectral.outliers import count, count_outliers, find_outliers
 from tidemap.spectral.prediction import (
-    Answer,
+    StateColumns,
     known,
     predict,
     predict_slow,
@@ -104,7 +104,7 @@ def test_what_is_written_in_place_is_what_is_predicted(
     cells = known(spectrum)
     p = predict(spectrum, time, cells)
     standing = probability(spectrum, spectrum.mean[cells])
-    out = Answer(standing, state(standing, confidence), verdict(standing, confidence))
+    out = StateColumns(standing, state(standing, confidence), verdict(standing, confidence))
     write_waves(spectrum, time, confidence, np.searchsorted(cells, spectrum.cell).astype(np.int32), out)
     np.testing.assert_array_equal(out.probability, p)
     np.testing.assert_array_equal(out.state, state(p, confidence))

@@ -141,9 +141,7 @@ def _given(place: LocationRecord, form: EvaluateForm) -> tuple[NDArray[np.float6
 
 
 def _tested(ctx: Context, place: LocationRecord, form: EvaluateForm) -> tuple[int, int]:
-    first, last = window(ctx, place)
-    start = first if form.start is None else max(first, int(place.base.sample(form.start)))
-    stop = last if form.stop is None else min(last, int(place.base.sample(form.stop)))
+    start, stop = place.base.clamp(window(ctx, place), form.start, form.stop)
     if stop <= start:
         raise InvalidInputError.at("stop", "nothing was observed between start and stop; widen the range")
     return start, stop

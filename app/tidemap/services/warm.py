@@ -16,7 +16,7 @@ from tidemap.space.regions import label_regions
 from tidemap.spectral.anomaly import surprising
 from tidemap.spectral.auto.selection import choose
 from tidemap.spectral.model import add, reconstruct, update
-from tidemap.spectral.prediction import Answer, predict, predict_times, write_waves
+from tidemap.spectral.prediction import StateColumns, predict, predict_times, write_waves
 from tidemap.storage.blobs import pack_measurements, pack_segment, unpack_measurements, unpack_segment
 
 
@@ -76,7 +76,7 @@ def _fit_and_ask() -> None:
             predict(spectrum, 0.0)
             predict(spectrum, 0.0, [0])
             n = spectrum.n_cells
-            answer = Answer(np.zeros(n, np.float32), np.zeros(n, np.uint8), np.zeros(n, np.uint8))
+            answer = StateColumns(np.zeros(n, np.float32), np.zeros(n, np.uint8), np.zeros(n, np.uint8))
             write_waves(spectrum, 0.0, 0.5, spectrum.cell, answer)
             predict_times(spectrum, [0.0, 1.0])
             surprising(spectrum, 0.0, np.zeros(1, np.uint32), np.zeros(1, np.uint8), 0.9)

@@ -47,7 +47,7 @@ def predict(spectrum: Spectrum, time: float, cells: ArrayLike | None = None, thr
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Answer:
+class StateColumns:
     """What is said of some cells at one time, to be written: probability (n,) float32, state and verdict (n,) uint8."""
 
     probability: NDArray[np.float32]
@@ -61,7 +61,7 @@ def known(spectrum: Spectrum) -> NDArray[np.int64]:
 
 
 def write_waves(
-    spectrum: Spectrum, time: float, confidence: float, at: NDArray[np.int32], out: Answer, threads: int = 1
+    spectrum: Spectrum, time: float, confidence: float, at: NDArray[np.int32], out: StateColumns, threads: int = 1
 ) -> None:
     """Write the answer at a time (Unix seconds) of the cells that have waves to their places `at` (n_varying,) int32.
 

@@ -74,7 +74,7 @@ def folded(history: History, base: TimeBase, prior: Prior, time_zone: str = LOND
     seen = folding.visits(history.start, history.stop, base, time_zone)
     weight = folding.recency(seen.n_days, prior.half_life_days)[np.newaxis]
     weeks = folding.fold(history, np.arange(history.n_cells), seen, weight)
-    return Weeks(weeks.seen[0], weeks.full[0])
+    return Weeks(weeks.n_observed[0], weeks.n_occupied[0])
 
 
 @pytest.mark.parametrize("prior", [Prior(), Prior(week="days", detail="sharp", evidence=1.0), Prior(evidence=0.05)])
@@ -82,10 +82,10 @@ def test_the_ascent_finds_the_maximum(prior: Prior) -> None:
     weeks = folded(working_hours(20), BASE, prior)
     design = waves.design(folding.slot_offset_s(BASE))
     evidence = np.full(4, prior.evidence, np.float32)
-    found = fit_rows(design, weeks.seen, weeks.full, evidence, waves.penalties(prior))
+    found = fit_rows(design, weeks.n_observed, weeks.n_occupied, evidence, waves.penalties(prior))
     for row in range(3):
-        seen, full = (prior.evidence * each[row].astype(np.float64) for each in (weeks.seen, weeks.full))
-        centre = float(base_logit(weeks.seen[row : row + 1], weeks.full[row : row + 1])[0])
+        seen, full = (prior.evidence * each[row].astype(np.float64) for each in (weeks.n_observed, weeks.n_occupied))
+        centre = float(base_logit(weeks.n_observed[row : row + 1], weeks.n_occupied[row : row + 1])[0])
         best = newton(design.astype(np.float64), seen, full, prior, centre)
         p, truth = (1 / (1 + np.exp(-(design @ beta))) for beta in (found[row], best))
         assert np.abs(p - truth).max() < 0.02
@@ -106,7 +106,7 @@ def test_folding_costs_less_than_a_hundredth_of_probability(interval_s: float, m
     weeks, states = folded(history, base, prior), history.states()
     spectrum = fit_recipe(history, replace(WHOLE, priors=(prior,)), base)
     for cell in range(3):
-        centre = float(base_logit(weeks.seen[cell : cell + 1], weeks.full[cell : cell + 1])[0])
+        centre = float(base_logit(weeks.n_observed[cell : cell + 1], weeks.n_occupied[cell : cell + 1])[0])
         best = newton(waves.columns(tau_s), weight, weight * states[cell], prior, centre)
         truth = 1 / (1 + np.exp(-(waves.columns(tau_s) @ best)))
         p = predict_times(spectrum, base.time(np.arange(history.n_samples)), [cell])[0]
@@ -132,10 +132,10 @@ def test_folding_counts_what_was_observed(interval_s: float) -> None:
         for row in range(2):
             each = weight[row, day - day[0]] * scale
             np.testing.assert_allclose(
-                weeks.seen[row, cell], np.bincount(slot, each * known, 672), rtol=2e-5, atol=1e-5
+                weeks.n_observed[row, cell], np.bincount(slot, each * known, 672), rtol=2e-5, atol=1e-5
             )
             full = np.bincount(slot, each * (states[cell] == 1), 672)
-            np.testing.assert_allclose(weeks.full[row, cell], full, rtol=2e-5, atol=1e-5)
+            np.testing.assert_allclose(weeks.n_occupied[row, cell], full, rtol=2e-5, atol=1e-5)
 
 
 @pytest.mark.parametrize("interval_s", [7.0, 300.0, 3600.0])

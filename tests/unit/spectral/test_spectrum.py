@@ -17,7 +17,7 @@ from tidemap.spectral import prediction, reconstruction
 from tidemap.spectral.civil import civil_seconds
 from tidemap.spectral.estimators import fit
 from tidemap.spectral.prediction import (
-    Answer,
+    StateColumns,
     entropy,
     predict,
     predict_slow,
@@ -107,7 +107,7 @@ def written(
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.uint8]]:
     """What `write_waves` writes of all cells, beginning with what holds at all times."""
     standing = probability(model, model.mean.copy())
-    out = Answer(standing, state(standing, confidence), verdict(standing, confidence))
+    out = StateColumns(standing, state(standing, confidence), verdict(standing, confidence))
     write_waves(model, time, confidence, model.cell, out, threads)
     return out.probability, out.state, out.verdict
 

@@ -147,9 +147,9 @@ def _levelled(task: Task, mixed: Blend) -> Blend:
     """The same with the share of the last day's departure that predicted well, and with `LEVEL_SD`."""
     beta, latest = mixed.beta.copy(), _past(task, [level.HALF_LIFE_DAYS])
     rows = evaluate(mixed.design, beta).reshape(-1, mixed.design.shape[0])
-    seen, full = (each.reshape(rows.shape) for each in (latest.seen, latest.full))
-    apart = level.departures(rows, seen, full).reshape(*beta.shape[:2], 1)
-    eta = rows.reshape(task.truth.seen.shape)
+    n_observed, n_occupied = (each.reshape(rows.shape) for each in (latest.n_observed, latest.n_occupied))
+    apart = level.departures(rows, n_observed, n_occupied).reshape(*beta.shape[:2], 1)
+    eta = rows.reshape(task.truth.n_observed.shape)
     carry_over = _share([losses(_logistic(eta + share * apart), task.truth).sum() for share in SHARES], task)
     beta[..., :1] += carry_over * apart
     days = np.array([[[trial.learned(task.visits.n_days).sum()]] for trial in task.trials])
@@ -191,9 +191,12 @@ def _fits(task: Task, priors: Sequence[Prior], design: NDArray[np.float32]) -> N
     for alike in kinds(priors):
         task.check()
         life = [lives.index(priors[i].half_life_days) for i in alike]
-        seen, full = (each[life].reshape(-1, design.shape[0]) for each in (past.seen, past.full))
+        n_observed, n_occupied = (
+            each[life].reshape(-1, design.shape[0]) for each in (past.n_observed, past.n_occupied)
+        )
         evidence = np.repeat([np.float32(priors[i].evidence) for i in alike], shape[0] * shape[1])
-        found = fit_rows(design, seen, full, evidence, waves.penalties(priors[alike[0]], task.visits.phase is not None))
+        penalty = waves.penalties(priors[alike[0]], task.visits.phase is not None)
+        found = fit_rows(design, n_observed, n_occupied, evidence, penalty)
         beta[alike] = found.reshape(len(alike), *shape, -1)
     return beta
 
@@ -208,7 +211,7 @@ def _past(task: Task, lives: Sequence[float]) -> Weeks:
     ]
     weeks = folding.fold(task.history, task.cells, task.visits, np.array(weight, np.float32))
     shape = (len(lives), len(task.trials), task.history.n_cells, -1)
-    return Weeks(weeks.seen.reshape(shape), weeks.full.reshape(shape))
+    return Weeks(weeks.n_observed.reshape(shape), weeks.n_occupied.reshape(shape))
 
 
 def _logistic(eta: NDArray[Any]) -> NDArray[np.float32]:

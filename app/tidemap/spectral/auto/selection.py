@@ -44,7 +44,7 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True)
-class Selection:
+class Choice:
     """The choice, the table it was made from (empty where there was too little to try), the cells tried."""
 
     estimator: str
@@ -74,7 +74,7 @@ def choose(
     time_zone: str | None = None,
     estimator: str = "auto",
     check: Callable[[], None] = lambda: None,
-) -> Selection:
+) -> Choice:
     """The candidate with the least log loss on days it was not fitted to.
 
     Histories under two weeks are tried by leaving out days, longer ones by predicting the later half
@@ -107,12 +107,12 @@ def _without(
     reason: str,
     table: tuple[Row, ...] = (),
     cells: int = 0,
-) -> Selection:
+) -> Choice:
     """The mean, or what was asked for at its least order, as nothing could be tried."""
     if estimator in ("auto", "static"):
-        return Selection("static", 0, table, reason, cells, time_zone or "UTC")
+        return Choice("static", 0, table, reason, cells, time_zone or "UTC")
     order = orders[0] if len(orders) == 1 or estimator == "fft" else CALENDAR_ORDERS[0]
-    return Selection(estimator, order, table, reason, cells, time_zone or "UTC")
+    return Choice(estimator, order, table, reason, cells, time_zone or "UTC")
 
 
 def _changing(history: History, most: int, time_zone: str | None, base: TimeBase) -> NDArray[np.int64]:
@@ -167,7 +167,7 @@ def _decide(
     time_zone: str | None,
     estimator: str,
     orders: Sequence[int],
-) -> Selection:
+) -> Choice:
     scored = [row for row in table if row.n]
     n_cells = task.history.n_cells
     if not scored:
@@ -178,7 +178,7 @@ def _decide(
         worst = MARGINS[n_cells > FEW_CELLS] * best.log_loss
         close = [row for row in scored if row.estimator == "calendar" and row.log_loss <= worst]
         best = min(close, key=lambda row: row.order)
-    found = Selection(best.estimator, best.order, table, _reason(best, len(table), task), n_cells, time_zone or "UTC")
+    found = Choice(best.estimator, best.order, table, _reason(best, len(table), task), n_cells, time_zone or "UTC")
     if mixed is None or best.estimator != "calendar":
         return found
     reason = found.reason + _settings(mixed)

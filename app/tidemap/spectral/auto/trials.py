@@ -95,36 +95,38 @@ class Task:
 
 def task(history: History, base: TimeBase, time_zone: str, most: int) -> Task:
     """The trials of all cells of a history."""
-    seen = folding.visits(history.start, history.stop, base, time_zone)
-    trials = plan(seen.n_days, most)
-    return Task(history, base, seen, time_zone, trials, _truth(history, seen, trials))
+    visits = folding.visits(history.start, history.stop, base, time_zone)
+    trials = plan(visits.n_days, most)
+    return Task(history, base, visits, time_zone, trials, _truth(history, visits, trials))
 
 
-def _truth(history: History, seen: Visits, trials: Sequence[Trial]) -> Weeks:
-    tested = np.zeros((len(trials), seen.n_days), np.float32)
+def _truth(history: History, visits: Visits, trials: Sequence[Trial]) -> Weeks:
+    tested = np.zeros((len(trials), visits.n_days), np.float32)
     for trial, row in zip(trials, tested, strict=True):
         row[trial.first : trial.last] = 1
-    return folding.fold(history, np.arange(history.n_cells), seen, tested)
+    return folding.fold(history, np.arange(history.n_cells), visits, tested)
 
 
 def losses(probability: NDArray[Any], truth: Weeks) -> NDArray[np.float64]:
-    """The log loss of every row, summed over its slots: (…,) for probability, seen, full (…, 672)."""
+    """The log loss of every row, summed over its slots: (…,) for probability, n_observed, n_occupied (…, 672)."""
     p = np.clip(probability, LOG_LOSS_FLOOR, 1 - LOG_LOSS_FLOOR)
-    free = truth.seen - truth.full
-    return np.asarray(-(truth.full * np.log(p) + free * np.log1p(-p)).sum(axis=-1), np.float64)
+    free = truth.n_observed - truth.n_occupied
+    return np.asarray(-(truth.n_occupied * np.log(p) + free * np.log1p(-p)).sum(axis=-1), np.float64)
 
 
 def scores(probability: NDArray[np.float32], truth: Weeks) -> Scores:
     """As `evaluation.score`, a visit to a slot counting as one measurement; NaN probabilities are left out."""
     known = ~np.isnan(probability)
     p = np.where(known, probability, np.float32(0.5)).astype(np.float64)
-    seen, full = truth.seen * known, truth.full * known
-    n = float(seen.sum())
+    n_observed, n_occupied = truth.n_observed * known, truth.n_occupied * known
+    n = float(n_observed.sum())
     if not n:
         return Scores(float("nan"), float("nan"), float("nan"), 0)
-    wrong = np.where(p > 0.5, seen - full, full).sum()
-    brier = (seen * p * p - 2 * full * p + full).sum()
-    return Scores(float(wrong / n), float(brier / n), float(losses(p, Weeks(seen, full)).sum() / n), round(n))
+    wrong = np.where(p > 0.5, n_observed - n_occupied, n_occupied).sum()
+    brier = (n_observed * p * p - 2 * n_occupied * p + n_occupied).sum()
+    return Scores(
+        float(wrong / n), float(brier / n), float(losses(p, Weeks(n_observed, n_occupied)).sum() / n), round(n)
+    )
 
 
 def empty(task: Task) -> NDArray[np.float32]:

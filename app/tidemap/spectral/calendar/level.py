@@ -22,14 +22,15 @@ MAX_DEPARTURE: Final = 1.0
 STEPS = 8
 
 
-def departures(eta: Matrix, seen: Matrix, full: Matrix) -> Vector:
+def departures(eta: Matrix, n_observed: Matrix, n_occupied: Matrix) -> Vector:
     """What, added to the logits of every row (n_rows, n_slots), makes the visits of its last days likeliest.
 
-    seen, full: visits and those occupied, weighed by HALF_LIFE_DAYS. Newton steps, bounded by MAX_DEPARTURE.
+    n_observed, n_occupied: visits and those occupied, weighed by HALF_LIFE_DAYS.
+    Newton steps, bounded by MAX_DEPARTURE.
     """
     apart = np.zeros((eta.shape[0], 1), np.float32)
     for _ in range(STEPS):
-        residual, curvature = response(eta + apart, seen, full)
+        residual, curvature = response(eta + apart, n_observed, n_occupied)
         slope = residual.sum(axis=1, keepdims=True) - np.float32(VISITS) * apart
         bend = curvature.sum(axis=1, keepdims=True) + np.float32(VISITS)
         apart = np.clip(apart + slope / bend, -MAX_DEPARTURE, MAX_DEPARTURE).astype(np.float32)

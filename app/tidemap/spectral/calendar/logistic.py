@@ -22,8 +22,8 @@ Vector = NDArray[np.float32]
 
 def fit_rows(
     design: Matrix,
-    seen: Matrix,
-    full: Matrix,
+    n_observed: Matrix,
+    n_occupied: Matrix,
     evidence: Vector,
     penalty: Vector,
     kept: Matrix | None = None,
@@ -31,7 +31,7 @@ def fit_rows(
 ) -> Matrix:
     """Coefficients (n_rows, n_columns) of greatest posterior, the centre of the intercept included.
 
-    design (n_slots, n_columns), the first column ones; seen, full (n_rows, n_slots): visits, and those
+    design (n_slots, n_columns), the first column ones; n_observed, n_occupied (n_rows, n_slots): visits, and those
     occupied; evidence (n_rows,) multiplies both; penalty (n_columns,): infinite leaves a column out.
     kept (n_rows, n_columns): 0 leaves a column out of a row. start: where to begin, it changes the
     cost alone. The intercept is drawn to `base_logit`.
@@ -39,17 +39,23 @@ def fit_rows(
     used = np.flatnonzero(np.isfinite(penalty))
     columns = np.ascontiguousarray(design[:, used])
     plan = (pack(columns), pack(columns.T), np.asarray(np.mean(columns * columns, axis=0), np.float32))
-    centre = base_logit(seen, full)
-    begin = np.zeros((seen.shape[0], used.size), np.float32) if start is None else start[:, used]
+    centre = base_logit(n_observed, n_occupied)
+    begin = np.zeros((n_observed.shape[0], used.size), np.float32) if start is None else start[:, used]
     allowed = np.ones_like(begin) if kept is None else kept[:, used]
-    out = np.zeros((seen.shape[0], design.shape[1]), np.float32)
-    for first in range(0, seen.shape[0], ROWS):
+    out = np.zeros((n_observed.shape[0], design.shape[1]), np.float32)
+    for first in range(0, n_observed.shape[0], ROWS):
         rows = slice(first, first + ROWS)
         one = evidence[rows, np.newaxis]
         at = begin[rows].copy()
         if start is not None:
             at[:, 0] -= centre[rows]
-        parts = (seen[rows] * one, full[rows] * one, allowed[rows], centre[rows, np.newaxis], at * allowed[rows])
+        parts = (
+            n_observed[rows] * one,
+            n_occupied[rows] * one,
+            allowed[rows],
+            centre[rows, np.newaxis],
+            at * allowed[rows],
+        )
         out[rows, used] = _ascend(*plan, penalty[used], *parts)
     return out
 
@@ -60,10 +66,10 @@ def evaluate(design: Matrix, beta: Matrix) -> Matrix:
     return rows.reshape(*beta.shape[:-1], design.shape[0])
 
 
-def base_logit(seen: Matrix, full: Matrix) -> Vector:
+def base_logit(n_observed: Matrix, n_occupied: Matrix) -> Vector:
     """The logit of the share of visits that were occupied, half a visit of each kind added, (n_rows,)."""
-    n_seen, n_full = seen.sum(axis=1), full.sum(axis=1)
-    return np.asarray(np.log((n_full + 0.5) / (n_seen - n_full + 0.5)), np.float32)
+    observed, occupied = n_observed.sum(axis=1), n_occupied.sum(axis=1)
+    return np.asarray(np.log((occupied + 0.5) / (observed - occupied + 0.5)), np.float32)
 
 
 def _dot(a: Matrix, b: Matrix) -> Vector:
@@ -75,18 +81,18 @@ def _ascend(
     transposed: Panels,
     square: Vector,
     penalty: Vector,
-    seen: Matrix,
-    full: Matrix,
+    n_observed: Matrix,
+    n_occupied: Matrix,
     kept: Matrix,
     centre: Matrix,
     beta: Matrix,
 ) -> Matrix:
     """One block from `beta` on: Polak–Ribière directions, each row on its own until it is done."""
     share = 1 / (1 + np.exp(-centre))
-    level = seen.sum(axis=1, keepdims=True) * share * (1 - share)
+    level = n_observed.sum(axis=1, keepdims=True) * share * (1 - share)
     scale = kept / np.maximum(penalty + level * square, np.float32(1e-6))
     eta = centre + product(beta, transposed)
-    residual, curvature = response(eta, seen, full)
+    residual, curvature = response(eta, n_observed, n_occupied)
     step, before, drop = np.zeros_like(beta), np.zeros_like(beta), np.ones(beta.shape[0], np.float32)
     for _ in range(STEPS):
         gradient = product(residual, design) - penalty * beta
@@ -107,7 +113,7 @@ def _ascend(
         pull, stiff = _dot(weighed, beta), _dot(weighed, step)
         for _ in range(6):
             ahead_eta = eta + length[:, np.newaxis] * move
-            residual, curvature = response(ahead_eta, seen, full)
+            residual, curvature = response(ahead_eta, n_observed, n_occupied)
             left = _dot(residual, move) - pull - length * stiff
             over = running & (left < OVERSHOT * slope)
             if not over.any():
@@ -120,15 +126,15 @@ def _ascend(
     return beta
 
 
-def response(eta: Matrix, seen: Matrix, full: Matrix) -> tuple[Matrix, Matrix]:
-    """full - seen · p and seen · p (1 - p)."""
+def response(eta: Matrix, n_observed: Matrix, n_occupied: Matrix) -> tuple[Matrix, Matrix]:
+    """n_occupied - n_observed · p and n_observed · p (1 - p)."""
     residual, curvature = np.empty_like(eta), np.empty_like(eta)
-    _respond(eta.ravel(), seen.ravel(), full.ravel(), residual.ravel(), curvature.ravel())
+    _respond(eta.ravel(), n_observed.ravel(), n_occupied.ravel(), residual.ravel(), curvature.ravel())
     return residual, curvature
 
 
 @fused_kernel
-def _respond(eta: Vector, seen: Vector, full: Vector, residual: Vector, curvature: Vector) -> None:
+def _respond(eta: Vector, n_observed: Vector, n_occupied: Vector, residual: Vector, curvature: Vector) -> None:
     """p = ½ + ½ tanh(½ η), tanh as a ratio of polynomials: exact to 2e-7, and vectorised where exp is not.
 
     The minimax coefficients of degree 13 over 6 are those widely used for float32 (as in Eigen).
@@ -146,6 +152,6 @@ def _respond(eta: Vector, seen: Vector, full: Vector, residual: Vector, curvatur
         below = y * below + np.float32(2.26843463243900e-03)
         below = y * below + np.float32(4.89352518554385e-03)
         p = np.float32(0.5) + np.float32(0.5) * (top / below)
-        expected = seen[i] * p
-        residual[i] = full[i] - expected
+        expected = n_observed[i] * p
+        residual[i] = n_occupied[i] - expected
         curvature[i] = expected - expected * p
