@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.unit.spectral.rivals import KINDS, histogram
+from tidemap.history.history import UNOBSERVED, History
+from tidemap.history.timebase import TimeBase
+from tidemap.spectral.auto.selection import choose
 from tidemap.spectral.civil import civil_seconds
 from tidemap.spectral.estimators import fit_recipe
-from tidemap.spectral.history import UNOBSERVED, History
 from tidemap.spectral.prediction import predict_times
 from tidemap.spectral.recipe import Recipe
-from tidemap.spectral.selection import choose
-from tidemap.spectral.timebase import TimeBase
 from tidemap.spectral.window import fit_window
 
 Samples = NDArray[np.int64]

@@ -15,12 +15,12 @@ from docs.paper.orders import Row
 from docs.paper.recordings import DAY_S, SECONDS, WEEK_MINUTES, Runs, runs
 from tests.support.office import Office
 from tests.unit.spectral.real import MONDAY
+from tidemap.history.history import History
+from tidemap.history.timebase import TimeBase
 from tidemap.spectral.anomaly import is_anomalous
-from tidemap.spectral.history import History
-from tidemap.spectral.model import Model, update
+from tidemap.spectral.model import SpectralModel, update
 from tidemap.spectral.prediction import predict_times
 from tidemap.spectral.spectrum import components
-from tidemap.spectral.timebase import TimeBase
 
 SHOWN_ORDER, FORECAST_ORDER, ANOMALY_ORDER = 3, 2, 15
 CONFIDENCE = 0.95
@@ -67,7 +67,7 @@ def _fill(axes: Axes, where: Runs, color: str, top: float = 1.0, bottom: float =
     )
 
 
-def _spectrum(axes: Axes, state: NDArray[np.uint8], fitted: Model) -> None:
+def _spectrum(axes: Axes, state: NDArray[np.uint8], fitted: SpectralModel) -> None:
     magnitude = np.abs(scipy.fft.rfft(state - state.mean())) / state.size
     per_day = np.arange(57) / 7
     chosen = np.round(components(fitted.spectrum, 0).frequency_hz * DAY_S * 7).astype(int)
@@ -78,7 +78,7 @@ def _spectrum(axes: Axes, state: NDArray[np.uint8], fitted: Model) -> None:
     axes.legend(loc="upper right")
 
 
-def _text(fitted: Model) -> str:
+def _text(fitted: SpectralModel) -> str:
     """The model as the paper prints it: triples of P, limits of O as differences."""
     found, outliers = components(fitted.spectrum, 0), fitted.outliers.of(0)
     rows = zip(found.amplitude / 2, found.phase, 1 / found.frequency_hz / 3600, strict=True)

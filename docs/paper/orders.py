@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from docs.paper.document import number
 from docs.paper.recordings import SECONDS, history
 from tests.support.office import Office, Signal
-from tidemap.spectral.model import Model, accuracy, update
+from tidemap.spectral.model import SpectralModel, accuracy, update
 from tidemap.spectral.outliers import count, find_outliers
 
 ORDERS = range(21)
@@ -38,7 +38,7 @@ def _row(office: Office, order: int) -> Row:
     return Row(order, accuracy(model), predicted(model, office.day_1), predicted(model, office.day_2), intervals)
 
 
-def predicted(model: Model, day: Signal) -> float:
+def predicted(model: SpectralModel, day: Signal) -> float:
     """The accuracy of a model on a day it was not fitted to."""
     wrong = count(find_outliers(model.spectrum, history(day), SECONDS))
     return 1 - float(wrong[0]) / day.state.size

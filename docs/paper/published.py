@@ -10,10 +10,10 @@ from docs.paper.document import number, table
 from docs.paper.forecasts import ORDERS, Probability, automatic, histograms, with_recipe
 from docs.paper.recordings import WEEK_MINUTES
 from tests.unit.spectral.real import MONDAY
+from tidemap.history.history import History
+from tidemap.history.timebase import TimeBase
 from tidemap.spectral.evaluation import Scores, score
-from tidemap.spectral.history import History
 from tidemap.spectral.recipe import Recipe
-from tidemap.spectral.timebase import TimeBase
 
 NEEDS = recordings.OFFICE
 BASE = TimeBase(MONDAY, 60.0)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from tests.support.office import Office, Signal, read_office
 from tests.support.paths import ROOT
 from tests.unit.spectral import real
-from tidemap.spectral.history import History
-from tidemap.spectral.timebase import TimeBase
+from tidemap.history.history import History
+from tidemap.history.timebase import TimeBase
 
 FOLDER = ROOT.parent / "shared" / "data"
 OFFICE = ("office/week.csv.gz", "office/day_1.csv.gz", "office/day_2.csv.gz", "office/day_3.csv.gz")

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from docs.paper.document import table
-from tidemap.spectral import waves
+from tidemap.spectral.calendar import waves
 from tidemap.spectral.recipe import Week
 
 NEEDS: tuple[str, ...] = ()

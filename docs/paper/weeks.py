@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from docs.paper import recordings
 from docs.paper.forecasts import ORDERS, Probability, Samples, automatic, histograms
 from docs.paper.recordings import WEEK_MINUTES as WEEK
+from tidemap.history.history import History
 from tidemap.spectral.estimators import fit_recipe
-from tidemap.spectral.history import History
 from tidemap.spectral.prediction import predict_times
 from tidemap.spectral.recipe import Recipe
 from tidemap.spectral.spectrum import truncate

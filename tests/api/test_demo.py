@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import pytest
 
 from tests.support.server import ServerProcess, StartServer
+from tests.support.waiting import WAIT_S, until
 from tidemap.client import Client, Patience
 from tidemap.demo import live
 from tidemap.demo.locations import BUILDING, FORMS, MIN_CELLS, PLACES, NotTheDemoError
@@ -94,17 +95,10 @@ def running(client: Client, speed: float = 1.0) -> tuple[threading.Event, Callab
 
     def end() -> None:
         stop.set()
-        robot.join(20)
+        robot.join(WAIT_S)
         assert not robot.is_alive()
 
     return stop, end
-
-
-def until(true: Callable[[], bool], timeout_s: float = 30) -> None:
-    deadline = time.monotonic() + timeout_s
-    while not true():
-        assert time.monotonic() < deadline, "it did not come true"
-        time.sleep(0.05)
 
 
 def test_the_robot_catches_up_a_day_at_most_and_goes_on(server: StartServer) -> None:

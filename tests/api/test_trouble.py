@@ -9,6 +9,7 @@ import pytest
 from sqlalchemy import text
 
 from tests.api.house import NOW, Api, done, fortnight, open_house, problem
+from tests.support.waiting import WAIT_S
 from tidemap.storage.engine import open_writer
 
 
@@ -19,17 +20,17 @@ def occupied_writer(api: Api) -> Iterator[None]:
 
     def wait(_: object) -> None:
         begun.set()
-        go_on.wait(30)
+        go_on.wait(WAIT_S)
 
     api.ctx.store.submit(wait)
-    assert begun.wait(5)
+    assert begun.wait(WAIT_S)
     waiting = [api.ctx.store.submit(lambda _: None) for _ in range(api.ctx.settings.commit_queue)]
     try:
         yield
     finally:
         go_on.set()
         for future in waiting:
-            future.result(30)
+            future.result(WAIT_S)
 
 
 def execute(api: Api, statement: str) -> None:

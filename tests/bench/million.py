@@ -7,14 +7,14 @@ from math import prod
 import numpy as np
 
 from tidemap.client.encoding import arrow, look
+from tidemap.history.history import History
+from tidemap.history.segment import SEGMENT_SAMPLES, Segment
 from tidemap.ingest.observation import ARROW, Body
 from tidemap.schemas.locations import LocationForm
 from tidemap.services.context import Context
 from tidemap.services.locations import create_location, find_location
 from tidemap.services.observe import observe
 from tidemap.services.posts import Post
-from tidemap.spectral.history import History
-from tidemap.spectral.segment import SEGMENT_SAMPLES, Segment
 from tidemap.storage.blobs import pack_segment
 from tidemap.storage.records import CHUNK_CELLS
 from tidemap.storage.segments import SegmentKey

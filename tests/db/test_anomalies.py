@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tests.db.test_locations import VALUES
+from tests.support.waiting import WAIT_S
 from tidemap.errors import AnomalyNotFoundError
 from tidemap.storage.anomalies import EventFilter
 from tidemap.storage.records import AnomalyRecord, LocationRecord
@@ -105,16 +106,16 @@ def test_an_id_follows_the_commit_not_the_start_of_a_write(store: Store, second:
     def slow(work: Work) -> int:
         (stored,) = work.anomalies.append([event_of(place)])
         taken.set()
-        go_on.wait(10)
+        go_on.wait(WAIT_S)
         return stored.id
 
     first = store.submit(slow)
-    assert taken.wait(10)
+    assert taken.wait(WAIT_S)
     other = second.submit(lambda work: work.anomalies.append([event_of(place)])[0].id)
     assert ids(store) == []
     assert not other.done()
     go_on.set()
-    assert (first.result(10), other.result(10)) == (1, 2)
+    assert (first.result(WAIT_S), other.result(WAIT_S)) == (1, 2)
 
 
 @pytest.mark.parametrize("first_of_all", [True, False])
@@ -134,7 +135,7 @@ def test_a_reader_who_resumes_by_id_misses_no_event(
             return [event.id for event in stored]
 
         future = (store, second)[n % 2].submit(run)
-        return [] if isinstance(future.exception(10), ValueError) else future.result()
+        return [] if isinstance(future.exception(WAIT_S), ValueError) else future.result()
 
     def poll() -> list[int]:
         seen = [0]
@@ -150,6 +151,6 @@ def test_a_reader_who_resumes_by_id_misses_no_event(
             written = [n for numbers in pool.map(write, range(80)) for n in numbers]
         finally:
             finished.set()
-        seen = polled.result(20)
+        seen = polled.result(WAIT_S)
     assert seen == sorted(set(seen))
     assert sorted(written + ([] if first_of_all else [1])) == seen

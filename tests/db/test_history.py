@@ -21,13 +21,13 @@ from sqlalchemy import func, select
 from tests.support.contexts import compact_now, history_of, make_location, opened, post_rows, refit
 from tests.support.databases import Databases
 from tests.support.truth import Row, Truth, put, states_of
+from tidemap.history.history import NEVER, UNOBSERVED
+from tidemap.history.timebase import TimeBase
 from tidemap.schemas.locations import LocationPatch
 from tidemap.services.context import Context
 from tidemap.services.history import last_seen
 from tidemap.services.locations import change_location, delete_location, find_location
 from tidemap.services.verify import Finding, verify
-from tidemap.spectral.history import NEVER, UNOBSERVED
-from tidemap.spectral.timebase import TimeBase
 from tidemap.storage.engine import open_reader
 from tidemap.storage.records import CHUNK_CELLS
 from tidemap.storage.tables import metadata

@@ -10,10 +10,10 @@ from tests.db.test_locations import VALUES
 from tests.db.test_observations import append, now
 from tests.support.contexts import compact_now, history_of, make_location, post_rows
 from tidemap.errors import CorruptChunkError
+from tidemap.history.segment import Segment
 from tidemap.services.compaction import put_in_place
 from tidemap.services.context import Context
 from tidemap.services.locations import find_location
-from tidemap.spectral.segment import Segment
 from tidemap.storage.blobs import pack_segment
 from tidemap.storage.records import CHUNK_CELLS, LocationRecord
 from tidemap.storage.store import Store

@@ -6,13 +6,12 @@ from threading import Event
 import pytest
 from sqlalchemy import select
 
+from tests.support.waiting import WAIT_S
 from tidemap.errors import OffDutyError
 from tidemap.storage.counters import take
 from tidemap.storage.store import Store
 from tidemap.storage.tables import counter
 from tidemap.storage.work import Work
-
-WAIT_S = 20.0
 
 
 def begin(store: Store) -> int:

@@ -11,6 +11,7 @@ from sqlalchemy import Connection, create_engine, make_url, text
 from tests.support.contexts import compact_now, make_location, post_rows, post_states, refit
 from tests.support.truth import measurements_of
 from tidemap.errors import DatabaseUnusableError, SchemaVersionError
+from tidemap.history.segment import Segment
 from tidemap.services.checks import Tally
 from tidemap.services.context import Context
 from tidemap.services.jobs import request_update
@@ -18,7 +19,6 @@ from tidemap.services.keys import create_key
 from tidemap.services.locations import find_location
 from tidemap.services.update import UpdateRequest
 from tidemap.services.verify import Finding, verify
-from tidemap.spectral.segment import Segment
 from tidemap.spectral.spectrum import static
 from tidemap.storage.blobs import pack_cells, pack_measurements, pack_segment, pack_spectrum
 from tidemap.storage.codec import seal, unseal

@@ -14,6 +14,7 @@ from sqlalchemy import Connection, Engine, event, insert, select, text
 
 from tests.db.test_locations import VALUES
 from tests.db.test_observations import record_of
+from tests.support.waiting import WAIT_S
 from tidemap.errors import (
     InvalidInputError,
     KeyNotFoundError,
@@ -31,7 +32,6 @@ from tidemap.storage.work import Work
 from tidemap.storage.writer import Writer
 
 Run = Callable[[Work], Any]
-WAIT_S = 10.0
 
 
 @pytest.fixture

@@ -10,11 +10,12 @@ import pytest
 
 from tests.support.here import command
 from tests.support.server import ServerProcess, StartServer, run_command
+from tests.support.waiting import WAIT_S
 
 
 def fill(server: ServerProcess, posts: int = 3) -> None:
     """A door that was observed some times."""
-    with httpx.Client(base_url=f"{server.url}/api/v1", timeout=30, trust_env=False) as http:
+    with httpx.Client(base_url=f"{server.url}/api/v1", timeout=WAIT_S, trust_env=False) as http:
         assert http.post("/locations", json={"name": "door", "interval_s": 60}).status_code == 201
         for n in range(posts):
             answer = http.post("/locations/door/observations", json={"time": [60 * n], "state": [n % 2]})

@@ -12,6 +12,7 @@ from tests.support.forked import Forked
 from tests.support.server import StartServer, clean_environment
 from tests.support.sightings import PLACES, make_places
 from tests.support.stored import check_stored
+from tests.support.waiting import WAIT_S
 from tidemap.client import Client
 
 KILLS = 20
@@ -76,6 +77,6 @@ def test_a_listener_does_not_keep_it_from_stopping(server: StartServer) -> None:
     with listen(f"ws://127.0.0.1:{running.port}/api/v1/events") as socket:
         assert running.stop() == 0
         with pytest.raises(ConnectionClosed) as closed:
-            socket.recv(timeout=5)
+            socket.recv(timeout=WAIT_S)
         assert closed.value.rcvd is not None
         assert closed.value.rcvd.code in (1001, 1012)

@@ -14,7 +14,7 @@ import pytest
 
 from tests.support.here import command
 from tests.support.server import ServerProcess, StartServer
-from tests.support.waiting import until
+from tests.support.waiting import WAIT_S, until
 
 ENV = {"TIDEMAP_VIEWER": "false", "TIDEMAP_UPDATER": "false", "TIDEMAP_UPDATER_INTERVAL_S": "0.1"}
 LARGE = 40_000
@@ -88,7 +88,7 @@ def door(running: ServerProcess) -> Iterator[httpx.Client]:
 
 
 def ready(running: ServerProcess) -> tuple[int, Any]:
-    answer = httpx.get(f"{running.url}/readyz", trust_env=False, timeout=10)
+    answer = httpx.get(f"{running.url}/readyz", trust_env=False, timeout=WAIT_S)
     return answer.status_code, answer.json()["problems"]
 
 

@@ -11,6 +11,7 @@ import httpx
 from tests.support.here import command
 from tests.support.paths import ROOT
 from tests.support.server import ServerProcess, StartServer, clean_environment
+from tests.support.waiting import WAIT_S
 
 
 def make_key(where: tuple[str, ...], role: str, *more: str) -> dict[str, Any]:
@@ -110,4 +111,4 @@ class Serving:
         self._process.terminate()
         assert self._process.stdout is not None
         self._process.stdout.close()
-        assert self._process.wait(30) == 0
+        assert self._process.wait(WAIT_S) == 0

@@ -22,7 +22,7 @@ from tests.support.postgres import Postgres
 from tests.support.server import ServerProcess, StartServer
 from tests.support.sightings import make_places
 from tests.support.site import Site, heard, listen_for
-from tests.support.waiting import until
+from tests.support.waiting import WAIT_S, until
 
 QUIET = {"TIDEMAP_VIEWER": "false", "TIDEMAP_UPDATER": "false"}
 KILLS = 5
@@ -43,7 +43,7 @@ def replica(server: StartServer) -> Iterator[Sites]:
 
 def on_duty(server: ServerProcess) -> bool:
     """Whether a server says that it does the background work."""
-    said = httpx.get(f"{server.url}/metrics", trust_env=False, timeout=30).text
+    said = httpx.get(f"{server.url}/metrics", trust_env=False, timeout=WAIT_S).text
     (value,) = re.findall(r"^tidemap_background (\S+)$", said, re.MULTILINE)
     return float(value) == 1
 
@@ -133,7 +133,7 @@ def test_one_killed_in_an_update_is_replaced_and_the_update_published_once(repli
         third = replica(database_url)
         assert not on_duty(third.server)
         until(lambda: job(second, number)["finished_at"] is not None)
-        told += heard(events)
+        told += heard(events, 2)
     published = [message["id"] for message in told if message["kind"] == "update"]
     states = [message["state"] for message in told if message["kind"] == "job"]
     assert states == ["running", "done"]

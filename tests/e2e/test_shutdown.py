@@ -16,6 +16,7 @@ import pytest
 
 from tests.api.house import ARROW, arrow
 from tests.support.server import ServerProcess, StartServer
+from tests.support.waiting import WAIT_S
 from tidemap.services.verify import verify
 
 CLIENTS = 24
@@ -37,7 +38,7 @@ class HalfPost:
             f"Idempotency-Key: {number}\r\nContent-Length: {len(body)}\r\n\r\n"
         )
         self._rest = body[cut:]
-        self._socket = socket.create_connection(("127.0.0.1", server.port), timeout=30)
+        self._socket = socket.create_connection(("127.0.0.1", server.port), timeout=WAIT_S)
         self._socket.sendall(head.encode() + body[:cut])
 
     def finish(self) -> bytes:
@@ -58,7 +59,7 @@ def until_it_takes_no_more(server: ServerProcess) -> None:
     deadline = time.monotonic() + 30
     while time.monotonic() < deadline:
         try:
-            socket.create_connection(("127.0.0.1", server.port), timeout=5).close()
+            socket.create_connection(("127.0.0.1", server.port), timeout=WAIT_S).close()
         except ConnectionRefusedError:
             return
         time.sleep(0.01)
@@ -81,7 +82,7 @@ def running(server: StartServer) -> ServerProcess:
 
 
 def api(server: ServerProcess) -> httpx.Client:
-    return httpx.Client(base_url=f"{server.url}/api/v1", timeout=30, trust_env=False)
+    return httpx.Client(base_url=f"{server.url}/api/v1", timeout=WAIT_S, trust_env=False)
 
 
 def test_posts_that_are_being_sent_are_answered_and_stored(running: ServerProcess) -> None:

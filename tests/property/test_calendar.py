@@ -7,13 +7,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from tidemap.history.history import UNOBSERVED, History
+from tidemap.history.timebase import TimeBase
 from tidemap.spectral.estimators import fit_recipe
-from tidemap.spectral.history import UNOBSERVED, History
 from tidemap.spectral.model import reconstruct, refit
 from tidemap.spectral.prediction import predict_slow, predict_times
 from tidemap.spectral.recipe import Prior, Recipe
 from tidemap.spectral.reconstruction import predicted_words
-from tidemap.spectral.timebase import TimeBase
 
 BASE = TimeBase(1.7e9, 3600.0)
 WEEK = 168
@@ -35,8 +35,8 @@ RECIPES = st.builds(
     time_zone=st.sampled_from(["UTC", "Europe/Amsterdam", "Asia/Kathmandu", "America/St_Johns"]),
     priors=st.lists(PRIORS, min_size=1, max_size=2).map(tuple),
     period_s=st.sampled_from([None, 36 * 3600.0]),
-    follow=st.sampled_from([0.0, 0.5, 1.0]),
-    doubt=st.sampled_from([0.0, 0.6]),
+    carry_over=st.sampled_from([0.0, 0.5, 1.0]),
+    level_sd=st.sampled_from([0.0, 0.6]),
 )
 quick = settings(max_examples=40, deadline=None)
 

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from tidemap.errors import CorruptChunkError
-from tidemap.spectral.history import History
-from tidemap.spectral.measurements import Measurements
-from tidemap.spectral.segment import SEGMENT_SAMPLES, Segment
+from tidemap.history.history import History
+from tidemap.history.measurements import Measurements
+from tidemap.history.segment import SEGMENT_SAMPLES, Segment
 from tidemap.spectral.spectrum import Spectrum
 from tidemap.storage.blobs import (
     pack_cells,

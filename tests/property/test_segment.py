@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.support.truth import Row, Truth, measurements_of, put, states_of
-from tidemap.spectral.history import UNOBSERVED
-from tidemap.spectral.measurements import Measurements
-from tidemap.spectral.segment import SEGMENT_SAMPLES, Segment, forget, merge, standing
-from tidemap.spectral.timebase import TimeBase
+from tidemap.history.history import UNOBSERVED
+from tidemap.history.measurements import Measurements
+from tidemap.history.segment import SEGMENT_SAMPLES, Segment, forget, merge, standing
+from tidemap.history.timebase import TimeBase
 from tidemap.storage.blobs import pack_segment, unpack_segment
 
 CELLS = 4

@@ -7,15 +7,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from tidemap.history.history import NEVER, UNOBSERVED, History
+from tidemap.history.measurements import Measurements
+from tidemap.history.snapshot import sort_snapshot
+from tidemap.history.timebase import TimeBase
 from tidemap.spectral.anomaly import is_anomalous, surprising
 from tidemap.spectral.estimators import ESTIMATORS
-from tidemap.spectral.history import NEVER, UNOBSERVED, History
-from tidemap.spectral.look import order_look
-from tidemap.spectral.measurements import Measurements
 from tidemap.spectral.model import add, reconstruct, update
 from tidemap.spectral.outliers import count, count_outliers, find_outliers
 from tidemap.spectral.prediction import (
-    Answer,
+    StateColumns,
     known,
     predict,
     predict_slow,
@@ -26,7 +27,6 @@ from tidemap.spectral.prediction import (
     write_waves,
 )
 from tidemap.spectral.spectrum import components
-from tidemap.spectral.timebase import TimeBase
 from tidemap.storage.blobs import pack_measurements, unpack_measurements
 
 BASE = TimeBase(1.7e9, 300.0)
@@ -104,7 +104,7 @@ def test_what_is_written_in_place_is_what_is_predicted(
     cells = known(spectrum)
     p = predict(spectrum, time, cells)
     standing = probability(spectrum, spectrum.mean[cells])
-    out = Answer(standing, state(standing, confidence), verdict(standing, confidence))
+    out = StateColumns(standing, state(standing, confidence), verdict(standing, confidence))
     write_waves(spectrum, time, confidence, np.searchsorted(cells, spectrum.cell).astype(np.int32), out)
     np.testing.assert_array_equal(out.probability, p)
     np.testing.assert_array_equal(out.state, state(p, confidence))
@@ -242,7 +242,7 @@ def test_a_look_is_put_in_order_as_any_measurements_are_and_what_is_wrong_is_non
     times = np.full(len(rows), time)
     times[elsewhen : elsewhen + 1] += 1
     columns = (times, cell.astype(np.uint32), state.astype(np.uint8))
-    look = order_look(*columns, (0.0, 5.0), 25)
+    look = sort_snapshot(*columns, (0.0, 5.0), 25)
     cells = [c for c, _ in rows]
     falls = sum(b <= a for a, b in pairwise(cells))
     plain = len(set(cells)) == len(cells) and falls <= 1 and len(set(times.tolist())) == 1 and 0 <= times[0] <= 5
@@ -256,9 +256,9 @@ def test_a_look_is_put_in_order_as_any_measurements_are_and_what_is_wrong_is_non
 
 def test_a_look_of_other_types_is_left_to_whoever_names_what_is_wrong() -> None:
     time, cell, state = np.zeros(2), np.arange(2, dtype=np.uint32), np.zeros(2, np.uint8)
-    assert order_look(time, cell, state, (0.0, 1.0), 2) is not None
-    assert order_look(time, cell.astype(np.int64), state, (0.0, 1.0), 2) is None
-    assert order_look(time, cell, state + np.uint8(2), (0.0, 1.0), 2) is None
-    assert order_look(time, np.arange(4, dtype=np.uint32)[::2], state, (0.0, 1.0), 4) is None
+    assert sort_snapshot(time, cell, state, (0.0, 1.0), 2) is not None
+    assert sort_snapshot(time, cell.astype(np.int64), state, (0.0, 1.0), 2) is None
+    assert sort_snapshot(time, cell, state + np.uint8(2), (0.0, 1.0), 2) is None
+    assert sort_snapshot(time, np.arange(4, dtype=np.uint32)[::2], state, (0.0, 1.0), 4) is None
     unaligned = np.frombuffer(b"\0" * 17, np.uint8)[1:].view(np.float64)
-    assert order_look(unaligned, cell, state, (0.0, 1.0), 2) is None
+    assert sort_snapshot(unaligned, cell, state, (0.0, 1.0), 2) is None

@@ -8,6 +8,8 @@ import numpy as np
 
 from tests.support.truth import Row, measurements_of
 from tidemap.formats.arrow import encode_table
+from tidemap.history.history import History
+from tidemap.history.measurements import Measurements
 from tidemap.ingest.observation import ARROW, Body
 from tidemap.schemas.locations import Location, LocationForm
 from tidemap.services.compaction import compact
@@ -18,8 +20,6 @@ from tidemap.services.observe import observe
 from tidemap.services.posts import Observed, Post
 from tidemap.services.update import UpdateRequest, run_update
 from tidemap.settings import Settings
-from tidemap.spectral.history import History
-from tidemap.spectral.measurements import Measurements
 from tidemap.storage.records import RevisionRecord
 from tidemap.workers.compactor import Compactor
 from tidemap.workers.duty import Duty

@@ -13,6 +13,7 @@ import httpx
 
 from tests.support.forked import Forked
 from tests.support.paths import ROOT
+from tests.support.waiting import WAIT_S
 
 # The first start on a machine compiles the numeric kernels.
 READY_S = 120.0
@@ -112,7 +113,7 @@ class ServerProcess:
                 raise ServerFailedError(f"The server was not ready in {self._ready_s:.0f} s:\n{self.output(60)}")
             time.sleep(0.02)
         url = found[1].rstrip("/")
-        answer = httpx.get(f"{url}/readyz", trust_env=False, timeout=10)
+        answer = httpx.get(f"{url}/readyz", trust_env=False, timeout=WAIT_S)
         if answer.status_code != 200:
             raise ServerFailedError(f"/readyz answered {answer.status_code} after 'ready':\n{self.output(60)}")
         return url

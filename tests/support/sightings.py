@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from tests.support.truth import Row
 from tidemap.client import Client
-from tidemap.spectral.timebase import TimeBase
+from tidemap.history.timebase import TimeBase
 
 BASE = TimeBase(0.0, 64.0)
 SAMPLES = range(4000, 4200)

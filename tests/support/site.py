@@ -12,6 +12,7 @@ from websockets.sync.client import ClientConnection
 from websockets.sync.client import connect as connect_socket
 
 from tests.support.server import ServerProcess
+from tests.support.waiting import WAIT_S
 
 SILENCE_S = 0.3
 """Long enough to say that nothing more comes."""
@@ -23,7 +24,7 @@ class Site:
 
     def __init__(self, server: ServerProcess) -> None:
         self.server = server
-        self.http = httpx.Client(base_url=f"{server.url}/api/v1", timeout=30, trust_env=False)
+        self.http = httpx.Client(base_url=f"{server.url}/api/v1", timeout=WAIT_S, trust_env=False)
 
     def __enter__(self) -> "Site":
         return self
@@ -67,17 +68,17 @@ class Site:
             after = page["next"]
 
 
-def heard(connection: ClientConnection, seconds: float = SILENCE_S) -> list[dict[str, Any]]:
-    """What comes until nothing has come for a while."""
-    messages = []
+def heard(connection: ClientConnection, expected: int = 0) -> list[dict[str, Any]]:
+    """As many messages as are expected, however long they take, and what comes until nothing has come for a while."""
+    messages = listen_for(connection, expected)
     while True:
         try:
-            messages.append(json.loads(connection.recv(timeout=seconds)))
+            messages.append(json.loads(connection.recv(timeout=SILENCE_S)))
         except TimeoutError:
             return messages
 
 
-def listen_for(connection: ClientConnection, number: int, seconds: float = 20) -> list[dict[str, Any]]:
+def listen_for(connection: ClientConnection, number: int, seconds: float = WAIT_S) -> list[dict[str, Any]]:
     """The next messages."""
     deadline = time.monotonic() + seconds
     return [json.loads(connection.recv(timeout=deadline - time.monotonic())) for _ in range(number)]

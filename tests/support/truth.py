@@ -4,8 +4,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from tidemap.spectral.measurements import Measurements
-from tidemap.spectral.timebase import TimeBase
+from tidemap.history.measurements import Measurements
+from tidemap.history.timebase import TimeBase
 
 Row = tuple[float, int, int]
 """(time in Unix seconds, cell, state)."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Page
 
+from tests.support.waiting import WAIT_S
 from tidemap_web.viewer import colors
 
 SHAPE = (10, 6, 4)
@@ -22,7 +23,6 @@ SHUTTER = [(i, 0, k) for i in range(3, 8) for k in range(3)]  # occupied by day,
 FLOOR = [(i, j, 0) for i in range(10) for j in range(1, 5)]  # always free
 START = datetime(2026, 3, 2, tzinfo=UTC)  # a Monday; London is on UTC
 DAYS = 14
-WAIT_S = 20.0
 Pixels = NDArray[np.uint8]
 
 

@@ -13,12 +13,12 @@ from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
 from tidemap.formats.arrow import ARROW, encode_table, labels, nullable
+from tidemap.history.history import UNOBSERVED
 from tidemap.schemas.common import iso
 from tidemap.services.lending import Loan
 from tidemap.services.predict import PredictionView, StateFacts, StateView
 from tidemap.services.series import SeriesView
 from tidemap.services.sheets import MapSheet
-from tidemap.spectral.history import UNOBSERVED
 from tidemap.spectral.prediction import VERDICTS
 
 JSON = "application/json"

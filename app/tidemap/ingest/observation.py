@@ -9,12 +9,12 @@ import xxhash
 from numpy.typing import NDArray
 
 from tidemap.errors import InvalidInputError, UnsupportedMediaTypeError
+from tidemap.history.measurements import Measurements
+from tidemap.history.snapshot import sort_snapshot
 from tidemap.ingest import arrow_body, json_body, npy_body
 from tidemap.ingest.columns import Columns, Content
 from tidemap.schemas.common import FARTHEST_S
 from tidemap.space.grid import Grid
-from tidemap.spectral.look import order_look
-from tidemap.spectral.measurements import Measurements
 
 ARROW = "application/vnd.apache.arrow.stream"
 JSON = "application/json"
@@ -78,7 +78,7 @@ def parse(body: Body, target: Target) -> Measurements:
     columns = _columns(body, target)
     if not len(columns.time):
         raise InvalidInputError.at(columns.whole, "there is no measurement in it; send at least one")
-    look = order_look(columns.time, columns.cell, columns.state, (-FARTHEST_S, target.latest), target.grid.n_cells)
+    look = sort_snapshot(columns.time, columns.cell, columns.state, (-FARTHEST_S, target.latest), target.grid.n_cells)
     return _in_order(columns, target) if look is None else look
 
 

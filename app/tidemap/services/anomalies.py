@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.errors import CorruptChunkError, InvalidInputError, refuse_reversed
+from tidemap.history.history import UNOBSERVED
+from tidemap.history.measurements import Measurements
 from tidemap.schemas.anomalies import Event
 from tidemap.services.context import Context
 from tidemap.services.history import read_history, window
 from tidemap.services.spectra import Fitted, fitted
 from tidemap.space.regions import label_regions
 from tidemap.spectral.anomaly import Rule, is_anomalous, surprise, surprising
-from tidemap.spectral.history import UNOBSERVED
-from tidemap.spectral.measurements import Measurements
 from tidemap.spectral.prediction import predict_times
 from tidemap.spectral.spectrum import Spectrum
 from tidemap.storage.anomalies import EventFilter

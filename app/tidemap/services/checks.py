@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from tidemap.errors import CorruptChunkError
-from tidemap.spectral.segment import SEGMENT_SAMPLES, Segment
+from tidemap.history.segment import SEGMENT_SAMPLES, Segment
 from tidemap.storage.blobs import unpack_cells, unpack_json, unpack_measurements, unpack_segment, unpack_spectrum
 from tidemap.storage.inspection import Row, Snapshot
 from tidemap.storage.records import LocationRecord, RevisionRecord

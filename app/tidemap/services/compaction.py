@@ -6,10 +6,10 @@ from itertools import pairwise
 import numpy as np
 
 from tidemap.errors import CorruptChunkError
+from tidemap.history.measurements import Measurements
+from tidemap.history.segment import Segment, merge
 from tidemap.services.context import Context
 from tidemap.services.history import by_chunk, by_segment, of_chunk, span
-from tidemap.spectral.measurements import Measurements
-from tidemap.spectral.segment import Segment, merge
 from tidemap.storage.blobs import pack_segment
 from tidemap.storage.observations import Packed
 from tidemap.storage.records import CHUNK_CELLS, LocationRecord

@@ -8,13 +8,13 @@ from threading import Lock
 
 from tidemap.errors import CorruptChunkError
 from tidemap.events.bus import Bus
+from tidemap.history.history import History
 from tidemap.services.caches import ByteCache
 from tidemap.services.damage import Damage
 from tidemap.services.lending import Lender
 from tidemap.services.places import Places
 from tidemap.services.sheets import MapSheet
 from tidemap.settings import Settings
-from tidemap.spectral.history import History
 from tidemap.spectral.spectrum import Spectrum
 from tidemap.storage.observations import Tail
 from tidemap.storage.records import RevisionRecord

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.errors import CorruptChunkError, InvalidInputError, refuse_reversed
+from tidemap.history.history import OCCUPIED, UNOBSERVED, History
 from tidemap.schemas.maps import Best, EvaluateForm, Evaluation, EvaluationRow, ReliabilityRow
 from tidemap.services.context import Context
 from tidemap.services.history import read_history, window
 from tidemap.services.spectra import current_revision, recipe_for
 from tidemap.spectral.estimators import fit_recipe
 from tidemap.spectral.evaluation import reliability, score
-from tidemap.spectral.history import OCCUPIED, UNOBSERVED, History
 from tidemap.spectral.prediction import predict_times
 from tidemap.spectral.recipe import Recipe
 from tidemap.spectral.spectrum import Spectrum, truncate
@@ -141,9 +141,7 @@ def _given(place: LocationRecord, form: EvaluateForm) -> tuple[NDArray[np.float6
 
 
 def _tested(ctx: Context, place: LocationRecord, form: EvaluateForm) -> tuple[int, int]:
-    first, last = window(ctx, place)
-    start = first if form.start is None else max(first, int(place.base.sample(form.start)))
-    stop = last if form.stop is None else min(last, int(place.base.sample(form.stop)))
+    start, stop = place.base.clamp(window(ctx, place), form.start, form.stop)
     if stop <= start:
         raise InvalidInputError.at("stop", "nothing was observed between start and stop; widen the range")
     return start, stop

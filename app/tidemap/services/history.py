@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.errors import CorruptChunkError
+from tidemap.history.history import NEVER, UNOBSERVED, History
+from tidemap.history.measurements import Measurements
+from tidemap.history.segment import SEGMENT_SAMPLES, Segment, merge
 from tidemap.services.context import Context
-from tidemap.spectral.history import NEVER, UNOBSERVED, History
-from tidemap.spectral.measurements import Measurements
-from tidemap.spectral.segment import SEGMENT_SAMPLES, Segment, merge
 from tidemap.storage.observations import Tail
 from tidemap.storage.records import CHUNK_CELLS, LocationRecord
 from tidemap.storage.work import Work

@@ -5,13 +5,13 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from tidemap.history.history import History
+from tidemap.history.intervals import Intervals
 from tidemap.schemas.maps import Component, Compression, Model, Selection
 from tidemap.services.context import Context
 from tidemap.services.history import read_cell, window
 from tidemap.services.predict import check_cell
 from tidemap.services.spectra import Fitted, fitted
-from tidemap.spectral.history import History
-from tidemap.spectral.intervals import Intervals
 from tidemap.spectral.outliers import Outliers, count, find_outliers
 from tidemap.spectral.spectrum import WEEKEND, Spectrum, components, select
 from tidemap.storage.records import LocationRecord

@@ -5,6 +5,7 @@ from functools import partial
 
 from tidemap.errors import CorruptChunkError, IdempotencyConflictError, TidemapError
 from tidemap.events.messages import Message
+from tidemap.history.measurements import Measurements
 from tidemap.ingest.observation import Target, parse
 from tidemap.schemas.anomalies import Event
 from tidemap.services.anomalies import judge
@@ -14,7 +15,6 @@ from tidemap.services.listing import shortened
 from tidemap.services.locations import find_location
 from tidemap.services.posts import Entry, Observed, Post, store_all
 from tidemap.services.spectra import fitted, held
-from tidemap.spectral.measurements import Measurements
 from tidemap.storage.blobs import pack_measurements
 from tidemap.storage.records import AnomalyRecord, LocationRecord, ObservationRecord
 

@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.errors import CellNotFoundError, InvalidInputError
+from tidemap.history.history import NEVER, UNOBSERVED
 from tidemap.services.context import Context
 from tidemap.services.history import last_seen
 from tidemap.services.keys import Claim
 from tidemap.services.lending import Loan
 from tidemap.services.sheets import MapSheet
 from tidemap.services.spectra import Fitted, fitted
-from tidemap.spectral.history import NEVER, UNOBSERVED
 from tidemap.spectral.prediction import entropy, known, predict, predict_times, state, verdict
 from tidemap.storage.records import LocationRecord
 

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.errors import InvalidInputError, refuse_reversed
+from tidemap.history.history import UNOBSERVED
 from tidemap.services.context import Context
 from tidemap.services.history import read_cell, window
 from tidemap.services.predict import check_cell, state_or_unknown
 from tidemap.services.spectra import fitted
-from tidemap.spectral.history import UNOBSERVED
 from tidemap.spectral.prediction import predict_times
 from tidemap.storage.records import LocationRecord
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.formats.arrow import Sheet, labels
-from tidemap.spectral.prediction import VERDICTS, Answer, known, state, verdict, write_waves
+from tidemap.spectral.prediction import VERDICTS, StateColumns, known, state, verdict, write_waves
 from tidemap.spectral.prediction import probability as on_link
 from tidemap.spectral.spectrum import Spectrum
 
@@ -48,5 +48,5 @@ class MapSheet:
     def write(self, spectrum: Spectrum, time: float, threads: int) -> None:
         """The state at a time (Unix seconds) by the spectrum that it was made for."""
         columns = self.arrow.columns
-        answer = Answer(columns["probability"], columns["state"], columns["verdict"].view(np.uint8))
+        answer = StateColumns(columns["probability"], columns["state"], columns["verdict"].view(np.uint8))
         write_waves(spectrum, time, self.confidence, self.at, answer, threads)

@@ -7,14 +7,14 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from tidemap.errors import CorruptChunkError, InvalidInputError
+from tidemap.history.history import History
 from tidemap.services.compaction import compact, forget
 from tidemap.services.context import Context
 from tidemap.services.history import read_compacted, window
-from tidemap.spectral.history import History
+from tidemap.spectral.auto.selection import Choice, choose
 from tidemap.spectral.model import fit_part
 from tidemap.spectral.outliers import count_outliers
 from tidemap.spectral.recipe import Recipe
-from tidemap.spectral.selection import Selection, choose
 from tidemap.spectral.window import fit_window
 from tidemap.storage.records import LocationRecord, RevisionRecord
 from tidemap.storage.work import Work
@@ -59,7 +59,7 @@ class Plan:
     start: int
     stop: int
     history: tuple[int, int]
-    selection: Selection | None
+    selection: Choice | None
 
 
 def run_update(
@@ -138,8 +138,7 @@ def _asked_samples(place: LocationRecord, history: tuple[int, int], request: Upd
     first, last = history
     if last <= first:
         raise InvalidInputError.at("location", f"{place.name!r} has no observations yet; post some first")
-    start = first if request.start is None else max(first, int(place.base.sample(request.start)))
-    stop = last if request.stop is None else min(last, int(place.base.sample(request.stop)))
+    start, stop = place.base.clamp(history, request.start, request.stop)
     if stop <= start:
         raise InvalidInputError.at("stop", "nothing was observed between start and stop; widen the window")
     return start, stop
@@ -147,14 +146,14 @@ def _asked_samples(place: LocationRecord, history: tuple[int, int], request: Upd
 
 def _select(
     ctx: Context, place: LocationRecord, samples: tuple[int, int], request: UpdateRequest, check: Callable[[], None]
-) -> Selection:
+) -> Choice:
     """`auto`, within what the request and the location leave open; without a reason where they leave nothing."""
     estimator = request.estimator or place.estimator
     order = request.order if request.order is not None else (place.order or "auto")
     if estimator == "static":
-        return Selection(estimator, 0, (), "", 0, place.time_zone)
+        return Choice(estimator, 0, (), "", 0, place.time_zone)
     if estimator == "fft" and isinstance(order, int):
-        return Selection(estimator, order, (), "", 0, place.time_zone)
+        return Choice(estimator, order, (), "", 0, place.time_zone)
     orders = ORDERS if order == "auto" else (int(order),)
     sampled = _sample_cells(ctx, place, samples, check)
     return choose(sampled, place.base, orders, SELECTION_CELLS, place.time_zone, estimator, check)
@@ -218,7 +217,7 @@ def _revision(ctx: Context, plan: Plan, accuracy: float | None) -> RevisionRecor
     )
 
 
-def _wire(selection: Selection) -> dict[str, Any]:
+def _wire(selection: Choice) -> dict[str, Any]:
     """The choice as the API shows it."""
     rows = [asdict(row) for row in selection.table]
     for row in rows:

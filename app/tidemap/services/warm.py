@@ -6,17 +6,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tidemap.history.history import History
+from tidemap.history.measurements import Measurements
+from tidemap.history.segment import Segment, forget, merge
+from tidemap.history.snapshot import sort_snapshot
+from tidemap.history.timebase import TimeBase
 from tidemap.space.grid import Grid
 from tidemap.space.regions import label_regions
 from tidemap.spectral.anomaly import surprising
-from tidemap.spectral.history import History
-from tidemap.spectral.look import order_look
-from tidemap.spectral.measurements import Measurements
+from tidemap.spectral.auto.selection import choose
 from tidemap.spectral.model import add, reconstruct, update
-from tidemap.spectral.prediction import Answer, predict, predict_times, write_waves
-from tidemap.spectral.segment import Segment, forget, merge
-from tidemap.spectral.selection import choose
-from tidemap.spectral.timebase import TimeBase
+from tidemap.spectral.prediction import StateColumns, predict, predict_times, write_waves
 from tidemap.storage.blobs import pack_measurements, pack_segment, unpack_measurements, unpack_segment
 
 
@@ -31,7 +31,7 @@ def warm() -> None:
 
 
 def _post() -> None:
-    look = order_look(np.zeros(1), np.zeros(1, np.uint32), np.zeros(1, np.uint8), (0.0, 1.0), 1)
+    look = sort_snapshot(np.zeros(1), np.zeros(1, np.uint32), np.zeros(1, np.uint8), (0.0, 1.0), 1)
     if look is not None:
         unpack_measurements(pack_measurements(look), "a look")
     zero = np.zeros(1, np.int64)
@@ -76,7 +76,7 @@ def _fit_and_ask() -> None:
             predict(spectrum, 0.0)
             predict(spectrum, 0.0, [0])
             n = spectrum.n_cells
-            answer = Answer(np.zeros(n, np.float32), np.zeros(n, np.uint8), np.zeros(n, np.uint8))
+            answer = StateColumns(np.zeros(n, np.float32), np.zeros(n, np.uint8), np.zeros(n, np.uint8))
             write_waves(spectrum, 0.0, 0.5, spectrum.cell, answer)
             predict_times(spectrum, [0.0, 1.0])
             surprising(spectrum, 0.0, np.zeros(1, np.uint32), np.zeros(1, np.uint8), 0.9)

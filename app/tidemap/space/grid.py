@@ -1,11 +1,27 @@
 """Regular grids: linear cell indices in C order of the shape, [i,j,k] indices, and metres."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+
+def three_axes(shape: Sequence[int]) -> tuple[int, int, int]:
+    """A shape of one to three axes with three; those it lacks have one cell."""
+    nx, ny, nz = (*shape, 1, 1)[:3]
+    return nx, ny, nz
+
+
+def index_of(cell: ArrayLike, shape: Sequence[int]) -> NDArray[np.int64]:
+    """Indices [i,j,k], (n, 3), of linear cells (n,) in C order of `shape`.
+
+    >>> index_of([5], [2, 3]).tolist(), index_of([5], [1, 2, 4]).tolist()
+    ([[1, 2, 0]], [[0, 1, 1]])
+    """
+    return np.stack(np.unravel_index(np.asarray(cell, np.int64), three_axes(shape)), axis=-1).astype(np.int64)
 
 
 @dataclass(frozen=True)
@@ -30,12 +46,11 @@ class Grid:
     @property
     def shape3(self) -> tuple[int, int, int]:
         """The shape with three axes; a 2D grid is one layer."""
-        nx, ny, nz = (*self.shape, 1, 1)[:3]
-        return nx, ny, nz
+        return three_axes(self.shape)
 
     def index(self, cell: ArrayLike) -> NDArray[np.int64]:
         """(n, 3) indices [i,j,k] of linear cells (n,)."""
-        return np.stack(np.unravel_index(np.asarray(cell, np.int64), self.shape3), axis=-1).astype(np.int64)
+        return index_of(cell, self.shape)
 
     def cell(self, index: ArrayLike) -> NDArray[np.int64]:
         """Linear cells (n,) of indices (n, 3). Raises ValueError outside of the grid."""

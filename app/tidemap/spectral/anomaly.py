@@ -55,7 +55,7 @@ def surprising(
 
 ROOM = 1e-3
 """On the scale of the link; far more than single precision loses."""
-MOST_CERTAIN = 15.0
+MAX_LOGIT = 15.0
 """A logit; soon after it p is 1 in single precision, and free is a surprise whatever the confidence."""
 
 
@@ -65,4 +65,4 @@ def _bounds(spectrum: Spectrum, confidence: float) -> tuple[float, float]:
     if spectrum.link == "logit":
         with np.errstate(divide="ignore"):
             low, high = (float(np.log(p) - np.log1p(-p)) for p in (low, high))
-    return low + ROOM, min(high, MOST_CERTAIN) - ROOM
+    return low + ROOM, min(high, MAX_LOGIT) - ROOM

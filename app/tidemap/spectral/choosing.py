@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.spectral.jit import kernel
+from tidemap.history.jit import kernel
 
 CHUNK = 16
 """Bins looked at together; most chunks hold none of the greatest and cost one comparison."""
@@ -22,18 +22,18 @@ def unpack(
     for i in range(row.size):
         cell, shift = row[i], mean[row[i]]
         for byte in range(n_samples >> 3):
-            seen, full = observed[cell, byte], occupied[cell, byte]
+            observed_byte, occupied_byte = observed[cell, byte], occupied[cell, byte]
             for bit in range(8):
-                value = np.float32((full >> bit) & 1) - shift
-                out[i, 8 * byte + bit] = value * np.float32((seen >> bit) & 1)
+                value = np.float32((occupied_byte >> bit) & 1) - shift
+                out[i, 8 * byte + bit] = value * np.float32((observed_byte >> bit) & 1)
         for sample in range(n_samples & ~7, n_samples):
-            seen, full = observed[cell, sample >> 3], occupied[cell, sample >> 3]
-            value = np.float32((full >> (sample & 7)) & 1) - shift
-            out[i, sample] = value * np.float32((seen >> (sample & 7)) & 1)
+            observed_byte, occupied_byte = observed[cell, sample >> 3], occupied[cell, sample >> 3]
+            value = np.float32((occupied_byte >> (sample & 7)) & 1) - shift
+            out[i, sample] = value * np.float32((observed_byte >> (sample & 7)) & 1)
 
 
 @kernel
-def greatest(
+def top_k(
     bins: NDArray[np.complex64],
     scale: NDArray[np.float32],
     nyquist: bool,

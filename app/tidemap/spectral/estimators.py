@@ -3,12 +3,12 @@
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
-from tidemap.spectral.calendar import fit_calendar
-from tidemap.spectral.history import History
+from tidemap.history.history import History
+from tidemap.history.timebase import TimeBase
+from tidemap.spectral.calendar.estimator import fit_calendar
 from tidemap.spectral.recipe import Recipe
 from tidemap.spectral.spectrum import Spectrum
 from tidemap.spectral.static import fit_static
-from tidemap.spectral.timebase import TimeBase
 from tidemap.spectral.transform import fit_fft
 
 Fit = Callable[[History, Recipe, TimeBase], Spectrum]

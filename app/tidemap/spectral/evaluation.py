@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tidemap.spectral.history import UNOBSERVED
+from tidemap.history.history import UNOBSERVED
 
 LOG_LOSS_FLOOR = 1e-3
 """Probabilities are clipped to [1e-3, 1 - 1e-3] for the log loss: one wrong certainty costs 6.9 nats."""

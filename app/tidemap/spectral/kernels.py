@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.spectral.bits import WORD
-from tidemap.spectral.jit import fused_kernel, kernel
+from tidemap.history.bits import WORD
+from tidemap.history.jit import fused_kernel, kernel
 
 Index = NDArray[np.uint16] | NDArray[np.uint32]
 
@@ -57,7 +57,7 @@ def values(
 
 
 @kernel
-def tell(
+def write_verdicts(
     at: NDArray[np.int32],
     value: NDArray[np.float32],
     over: float,
@@ -167,7 +167,7 @@ def add_waves_over_time(
 
 
 @kernel
-def turns(frequency: NDArray[np.float64], time: NDArray[np.float64], out: NDArray[np.complex64]) -> None:
+def unit_phasors(frequency: NDArray[np.float64], time: NDArray[np.float64], out: NDArray[np.complex64]) -> None:
     """out (n, m) = exp(2πi frequency time), the cycles reduced in float64."""
     for i in range(frequency.size):
         for j in range(time.size):
@@ -177,7 +177,7 @@ def turns(frequency: NDArray[np.float64], time: NDArray[np.float64], out: NDArra
 
 
 @kernel
-def turned(value: Any, turn: Any) -> Any:
+def complex_product(value: Any, turn: Any) -> Any:
     """The real and the negated imaginary part of value · turn."""
     return (
         value.real * turn.real - value.imag * turn.imag,
@@ -216,7 +216,7 @@ def threshold_blocks(
             which, value = index[row, place], coefficient[row, place]
             wave[place] = offset[which]
             for block in range(n_blocks):
-                real[place, block], imag[place, block] = turned(value, anchor[which, block])
+                real[place, block], imag[place, block] = complex_product(value, anchor[which, block])
         for block in range(n_blocks):
             even[:] = mean[cell[row]]
             odd[:] = np.float32(0)

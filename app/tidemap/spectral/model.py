@@ -5,21 +5,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.spectral import bits
+from tidemap.history import bits
+from tidemap.history.history import UNOBSERVED, History
+from tidemap.history.timebase import TimeBase
 from tidemap.spectral.estimators import fit_recipe
-from tidemap.spectral.history import UNOBSERVED, History
 from tidemap.spectral.outliers import Outliers, count, find_outliers
 from tidemap.spectral.prediction import predict
 from tidemap.spectral.recipe import Recipe
 from tidemap.spectral.reconstruction import predicted_words
 from tidemap.spectral.spectrum import Spectrum
-from tidemap.spectral.timebase import TimeBase
 
-__all__ = ["Model", "accuracy", "add", "predict", "reconstruct", "refit", "update"]
+__all__ = ["SpectralModel", "accuracy", "add", "predict", "reconstruct", "refit", "update"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Model:
+class SpectralModel:
     """Spectrum P and outliers O of the samples [start, stop).
 
     observed (n_cells, ceil((stop - start) / 8)) uint8, bitorder "little": the samples that were;
@@ -38,7 +38,7 @@ class Model:
         return self.spectrum.n_cells
 
 
-def reconstruct(model: Model, start: int | None = None, stop: int | None = None) -> NDArray[np.uint8]:
+def reconstruct(model: SpectralModel, start: int | None = None, stop: int | None = None) -> NDArray[np.uint8]:
     """s(t) = (p(t) > 0.5) ⊕ (t ∈ O) (Eq. 1), dense (n_cells, stop - start) uint8.
 
     Over [start, stop), by default all; UNOBSERVED where nothing was observed. Lossless for every
@@ -58,7 +58,7 @@ def _unpack(words: NDArray[np.uint64], start: int, stop: int) -> NDArray[np.uint
     return np.unpackbits(words.astype("<u8").view(np.uint8), axis=1, bitorder="little")[:, start:stop]
 
 
-def add(model: Model, sample: int, state: int, cell: int = 0) -> Model:
+def add(model: SpectralModel, sample: int, state: int, cell: int = 0) -> SpectralModel:
     """The model with one more measurement (Eq. 2): t joins O if s'(t) ≠ state, otherwise leaves it.
 
     A later measurement of a sample replaces the earlier one; samples outside [start, stop) widen
@@ -121,17 +121,17 @@ def update(
     order: int,
     base: TimeBase,
     fit_window: tuple[int, int] | None = None,
-) -> Model:
+) -> SpectralModel:
     """`refit` with nothing but a name and an order."""
     return refit(history, Recipe(estimator, order), base, fit_window)
 
 
-def refit(history: History, recipe: Recipe, base: TimeBase, fit_window: tuple[int, int] | None = None) -> Model:
+def refit(history: History, recipe: Recipe, base: TimeBase, fit_window: tuple[int, int] | None = None) -> SpectralModel:
     """The paper's model update: the spectrum from `fit_window`, by default all of the history, and the
     outliers of the whole history. ValueError on an unknown estimator."""
     spectrum = fit_part(history, recipe, base, fit_window)
     outliers = find_outliers(spectrum, history, base)
-    return Model(spectrum, outliers, base, history.start, history.stop, history.observed)
+    return SpectralModel(spectrum, outliers, base, history.start, history.stop, history.observed)
 
 
 def fit_part(history: History, recipe: Recipe, base: TimeBase, part: tuple[int, int] | None = None) -> Spectrum:
@@ -153,7 +153,7 @@ def fit_part(history: History, recipe: Recipe, base: TimeBase, part: tuple[int, 
     return replace(spectrum, mean=mean)
 
 
-def accuracy(model: Model) -> float:
+def accuracy(model: SpectralModel) -> float:
     """1 - wrong / observed over all cells (one minus Eq. 4 and 5); NaN where nothing was observed."""
     observed = np.zeros(model.n_cells, np.int64)
     bits.count_ones(model.observed, observed)

@@ -6,39 +6,22 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.spectral import bits
-from tidemap.spectral.history import History
+from tidemap.history import bits
+from tidemap.history.history import History
+from tidemap.history.intervals import Runs, offsets
+from tidemap.history.timebase import TimeBase
 from tidemap.spectral.reconstruction import predicted_words
 from tidemap.spectral.spectrum import Spectrum
-from tidemap.spectral.timebase import TimeBase
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Outliers:
-    """O: cell i has the intervals offset[i]:offset[i + 1], half-open [start, stop) in samples.
-
-    offset (n_cells + 1,), start (k,), stop (k,), all int64; ascending, never touching.
-    """
-
-    offset: NDArray[np.int64]
-    start: NDArray[np.int64]
-    stop: NDArray[np.int64]
-
-    @property
-    def n_cells(self) -> int:
-        return self.offset.size - 1
+class Outliers(Runs):
+    """O: the runs of samples that the prediction got wrong; those of a cell never touch."""
 
     @classmethod
     def empty(cls, n_cells: int) -> Self:
         none = np.zeros(0, np.int64)
         return cls(np.zeros(n_cells + 1, np.int64), none, none)
-
-    def of(self, cell: int) -> NDArray[np.int64]:
-        """The intervals of one cell, (n, 2)."""
-        if not 0 <= cell < self.n_cells:
-            raise IndexError(f"cell {cell} of {self.n_cells}")
-        runs = slice(int(self.offset[cell]), int(self.offset[cell + 1]))
-        return np.stack((self.start[runs], self.stop[runs]), axis=1)
 
 
 def find_outliers(spectrum: Spectrum, history: History, base: TimeBase) -> Outliers:
@@ -71,9 +54,7 @@ def _wrong(spectrum: Spectrum, history: History, base: TimeBase) -> tuple[NDArra
 
 def from_words(words: NDArray[np.uint64], first: int) -> Outliers:
     """The runs of set bits of every row; `first` is the sample of bit 0 of word 0."""
-    offset = np.zeros(words.shape[0] + 1, np.int64)
-    bits.count_runs(words, offset[1:])
-    np.cumsum(offset, out=offset)
+    offset = offsets(bits.count_runs, words)
     start, stop = np.empty(int(offset[-1]), np.int64), np.empty(int(offset[-1]), np.int64)
     bits.runs(words, first, start, stop)
     return Outliers(offset, start, stop)

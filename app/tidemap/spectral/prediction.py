@@ -47,7 +47,7 @@ def predict(spectrum: Spectrum, time: float, cells: ArrayLike | None = None, thr
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Answer:
+class StateColumns:
     """What is said of some cells at one time, to be written: probability (n,) float32, state and verdict (n,) uint8."""
 
     probability: NDArray[np.float32]
@@ -61,7 +61,7 @@ def known(spectrum: Spectrum) -> NDArray[np.int64]:
 
 
 def write_waves(
-    spectrum: Spectrum, time: float, confidence: float, at: NDArray[np.int32], out: Answer, threads: int = 1
+    spectrum: Spectrum, time: float, confidence: float, at: NDArray[np.int32], out: StateColumns, threads: int = 1
 ) -> None:
     """Write the answer at a time (Unix seconds) of the cells that have waves to their places `at` (n_varying,) int32.
 
@@ -77,7 +77,7 @@ def write_waves(
             kernels.values(spectrum.mean, *waves, value)
             if spectrum.link == "logit":
                 probability(spectrum, value)
-            kernels.tell(at[rows], value, confidence, 1 - confidence, out.probability, out.state, out.verdict)
+            kernels.write_verdicts(at[rows], value, confidence, 1 - confidence, out.probability, out.state, out.verdict)
 
     _share(spectrum, threads, write)
 
@@ -119,7 +119,7 @@ def predict_slow(spectrum: Spectrum, time: ArrayLike, cells: ArrayLike | None = 
     wave = np.exp(2j * np.pi * chosen.frequency_hz[:, np.newaxis] * tau_s) * gates(chosen, tau_s)
     value = np.repeat(chosen.mean.astype(np.float64)[:, np.newaxis], tau_s.size, axis=1)
     for cell, index, coefficient in zip(chosen.cell, chosen.index, chosen.coefficient, strict=True):
-        value[cell] += 2 * (coefficient.astype(np.complex128) @ wave[index]).real
+        value[cell] += 2 * (coefficient.astype(np.complex128)[:, np.newaxis] * wave[index]).sum(axis=0).real
     if chosen.link == "logit":
         return np.asarray(1 / (1 + np.exp(-value)))
     return np.clip(value, 0.0, 1.0)
@@ -133,7 +133,7 @@ def phasors(spectrum: Spectrum, time: NDArray[np.float64]) -> NDArray[np.complex
 def tau_phasors(spectrum: Spectrum, tau_s: NDArray[np.float64]) -> NDArray[np.complex64]:
     """The same at times that are given as τ."""
     table = np.empty((spectrum.n_waves, tau_s.size), np.complex64)
-    kernels.turns(spectrum.frequency_hz, tau_s, table)
+    kernels.unit_phasors(spectrum.frequency_hz, tau_s, table)
     table *= np.float32(2)
     if spectrum.gate.any():
         table *= gates(spectrum, tau_s)

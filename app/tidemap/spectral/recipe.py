@@ -35,14 +35,17 @@ class Prior:
 PRIORS: Final = (Prior(), Prior(week="week"))
 """What is averaged where no history has decided: weekends, and a little of every weekday."""
 
+STORED_NAMES: Final = {"carry_over": "follow", "level_sd": "doubt"}
+"""Fields that are stored under a name of an earlier version."""
+
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
     """Estimator and order; time_zone (IANA) and all below are for `calendar`.
 
     The logits of several priors are averaged. period_s: a period that is no part of a week, in
-    seconds. follow: the share of the last day's departure from the rhythm that is kept for what
-    comes; doubt: how far, on the logit scale, a week may be off where one was seen: see `level`.
+    seconds. carry_over: the share of the last day's departure from the rhythm that is kept for what
+    comes; level_sd: how far, on the logit scale, a week may be off where one was seen: see `level`.
     ValueError on a negative order.
     """
 
@@ -51,8 +54,8 @@ class Recipe:
     time_zone: str = "UTC"
     priors: tuple[Prior, ...] = PRIORS
     period_s: float | None = None
-    follow: float = 0.0
-    doubt: float = 0.0
+    carry_over: float = 0.0
+    level_sd: float = 0.0
 
     def __post_init__(self) -> None:
         if self.order < 0:
@@ -66,7 +69,7 @@ class Recipe:
         >>> Recipe.from_dict(Recipe("calendar", 8, "Europe/London").as_dict()).time_zone
         'Europe/London'
         """
-        plain = asdict(self)
+        plain = {STORED_NAMES.get(name, name): value for name, value in asdict(self).items()}
         for prior in plain["priors"]:
             prior["half_life_days"] = _finite(prior["half_life_days"])
         return plain
@@ -77,7 +80,8 @@ class Recipe:
         priors = tuple(
             Prior(**{**each, "half_life_days": each["half_life_days"] or math.inf}) for each in plain["priors"]
         )
-        return cls(**{**plain, "priors": priors})
+        names = {stored: name for name, stored in STORED_NAMES.items()}
+        return cls(**{names.get(name, name): value for name, value in {**plain, "priors": priors}.items()})
 
 
 def _finite(days: float) -> float | None:

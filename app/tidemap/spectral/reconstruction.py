@@ -7,11 +7,11 @@ same bit for bit whichever span it was asked with: what was stored as an outlier
 import numpy as np
 from numpy.typing import NDArray
 
+from tidemap.history.bits import ALL, WORD, blocks
+from tidemap.history.timebase import TimeBase
 from tidemap.spectral import kernels, weekly
-from tidemap.spectral.bits import ALL, WORD, blocks
 from tidemap.spectral.prediction import TABLE_SIZE, phasors
 from tidemap.spectral.spectrum import Spectrum
-from tidemap.spectral.timebase import TimeBase
 
 ROWS = 256
 
@@ -39,7 +39,7 @@ def _fill_uniform(spectrum: Spectrum, base: TimeBase, first: int, threshold: flo
     """τ advances evenly: two small tables, of the middles of the blocks and of the way from there."""
     away = np.arange(0.5, WORD // 2) * base.interval_s
     turn = np.empty((spectrum.n_waves, away.size), np.complex64)
-    kernels.turns(spectrum.frequency_hz, away, turn)
+    kernels.unit_phasors(spectrum.frequency_hz, away, turn)
     offset = np.concatenate((turn.real, turn.imag), axis=1)
     step = max(1, TABLE_SIZE // spectrum.n_waves)
     for block in range(0, words.shape[1], step):

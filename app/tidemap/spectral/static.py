@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from tidemap.history.history import History
+from tidemap.history.timebase import TimeBase
 from tidemap.spectral import spectrum
-from tidemap.spectral.history import History
 from tidemap.spectral.spectrum import Spectrum
-from tidemap.spectral.timebase import TimeBase
 
 
 def observed_mean(n_occupied: NDArray[np.int64], n_observed: NDArray[np.int64]) -> NDArray[np.float32]:

@@ -6,11 +6,11 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from tidemap.history.history import History
+from tidemap.history.timebase import TimeBase
 from tidemap.spectral import choosing
-from tidemap.spectral.history import History
 from tidemap.spectral.spectrum import Spectrum, index_type, static
 from tidemap.spectral.static import observed_mean
-from tidemap.spectral.timebase import TimeBase
 
 BATCH_ROWS = 64
 BATCH_SAMPLES = 1 << 20
@@ -37,7 +37,7 @@ def fit_fft(history: History, order: int, base: TimeBase) -> Spectrum:
     varying = np.flatnonzero((n_occupied > 0) & (n_occupied < n_observed))
     if order == 0 or varying.size == 0:
         return means
-    bins, coefficient = _greatest(history, varying, mean, n_observed, order)
+    bins, coefficient = _top_k(history, varying, mean, n_observed, order)
     used = np.zeros(history.n_samples // 2 + 1, np.bool_)
     choosing.mark(bins, used)
     used[0] = False
@@ -55,7 +55,7 @@ def fit_fft(history: History, order: int, base: TimeBase) -> Spectrum:
     )
 
 
-def _greatest(
+def _top_k(
     history: History,
     varying: NDArray[np.int64],
     mean: NDArray[np.float32],
@@ -74,5 +74,5 @@ def _greatest(
         rows = varying[batch]
         choosing.unpack(history.observed, history.occupied, rows, mean, signal[: rows.size])
         transform = scipy.fft.rfft(signal[: rows.size], axis=1)
-        choosing.greatest(transform, scale[batch], n_samples % 2 == 0, bins[batch], coefficient[batch])
+        choosing.top_k(transform, scale[batch], n_samples % 2 == 0, bins[batch], coefficient[batch])
     return bins, coefficient

@@ -11,12 +11,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from tidemap.history.bits import WORD, Words
+from tidemap.history.jit import kernel
+from tidemap.history.timebase import TimeBase
 from tidemap.spectral import kernels
-from tidemap.spectral.bits import WORD, Words
-from tidemap.spectral.jit import kernel
 from tidemap.spectral.prediction import TABLE_SIZE, tau_phasors
 from tidemap.spectral.spectrum import DAY_S, Spectrum, tau
-from tidemap.spectral.timebase import TimeBase
 
 WEEK_S: Final = 7 * DAY_S
 OFFSET_S: Final = 900.0
@@ -72,7 +72,7 @@ def _blocks_of_week(spectrum: Spectrum, week: Clock, used: NDArray[np.int64], th
     rows, mean = np.arange(spectrum.cell.size, dtype=np.int32), spectrum.mean[spectrum.cell]
     away = np.arange(0.5, WORD // 2) * week.interval_s
     turn = np.empty((spectrum.n_waves, away.size), np.complex64)
-    kernels.turns(spectrum.frequency_hz, away, turn)
+    kernels.unit_phasors(spectrum.frequency_hz, away, turn)
     offset = np.concatenate((turn.real, turn.imag), axis=1)
     begins = np.asarray(week.phase_s + used * (WORD * week.interval_s), np.float64)
     table = np.zeros((rows.size, used.size), np.uint64)

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.errors import CorruptChunkError
-from tidemap.spectral.history import History
-from tidemap.spectral.look import plane_cells, seen_plane
-from tidemap.spectral.measurements import Measurements
-from tidemap.spectral.patterns import distinct, spread, transpose
-from tidemap.spectral.segment import SEGMENT_SAMPLES, Segment
+from tidemap.history.history import History
+from tidemap.history.measurements import Measurements
+from tidemap.history.patterns import distinct, fill_unobserved, transpose
+from tidemap.history.segment import SEGMENT_SAMPLES, Segment
+from tidemap.history.snapshot import plane_cells, seen_plane
 from tidemap.spectral.spectrum import Spectrum
 from tidemap.storage.codec import QUICK, SMALL, seal, unseal
 
@@ -134,7 +134,7 @@ def pack_segment(segment: Segment) -> bytes:
     history = segment.history.check()
     rows, row = distinct(history.observed)
     seen, sample = distinct(transpose(rows))
-    state, stands = distinct(spread(history.observed, history.occupied))
+    state, stands = distinct(fill_unobserved(history.observed, history.occupied))
     columns: dict[str, NDArray[np.generic]] = {
         "seen": seen,
         "sample": narrow(sample),

@@ -23,7 +23,7 @@ from sqlalchemy import (
 )
 
 from tidemap.errors import CorruptChunkError
-from tidemap.spectral.measurements import Measurements
+from tidemap.history.measurements import Measurements
 from tidemap.storage.blobs import unpack_measurements
 from tidemap.storage.records import LocationRecord, ObservationRecord
 from tidemap.storage.tables import location, observation

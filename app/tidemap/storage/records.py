@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from sqlalchemy import RowMapping
 
 from tidemap.errors import CorruptChunkError
+from tidemap.history.timebase import TimeBase
 from tidemap.space.grid import SINGLE, Grid
 from tidemap.spectral.recipe import Recipe
-from tidemap.spectral.timebase import TimeBase
 from tidemap.storage.blobs import unpack_json
 
 CHUNK_CELLS = 1024

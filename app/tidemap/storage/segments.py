@@ -8,7 +8,7 @@ from typing import Any
 from sqlalchemy import ColumnElement, Connection, delete, insert, select, update
 
 from tidemap.errors import CorruptChunkError
-from tidemap.spectral.segment import SEGMENT_SAMPLES, Segment, forget, merge, standing
+from tidemap.history.segment import SEGMENT_SAMPLES, Segment, forget, merge, standing
 from tidemap.storage.blobs import pack_segment, unpack_segment
 from tidemap.storage.records import LocationRecord
 from tidemap.storage.tables import history, location

@@ -4,9 +4,9 @@ import numpy as np
 
 from tests.bench.figures.update import BASE, changing_cells
 from tests.bench.timing import Figure, interleaved
-from tidemap.spectral import folding, waves
+from tidemap.history.history import History
+from tidemap.spectral.calendar import folding, waves
 from tidemap.spectral.estimators import fit_recipe
-from tidemap.spectral.history import History
 from tidemap.spectral.model import refit
 from tidemap.spectral.recipe import Recipe
 

@@ -2,10 +2,10 @@
 
 from tests.bench.figures.update import BASE, changing_cells
 from tests.bench.timing import Figure, interleaved
+from tidemap.history.history import History
+from tidemap.spectral.auto.selection import choose
 from tidemap.spectral.estimators import fit_recipe
-from tidemap.spectral.history import History
 from tidemap.spectral.recipe import Recipe
-from tidemap.spectral.selection import choose
 
 N_CELLS, ZONE = 64, "Europe/London"
 

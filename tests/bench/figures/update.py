@@ -4,9 +4,9 @@ import numpy as np
 import scipy.fft
 
 from tests.bench.timing import Figure, interleaved
-from tidemap.spectral.history import History
+from tidemap.history.history import History
+from tidemap.history.timebase import TimeBase
 from tidemap.spectral.model import accuracy, update
-from tidemap.spectral.timebase import TimeBase
 
 N_CELLS, N_SAMPLES, ORDER, ROWS = 20_000, 2016, 15, 256
 BASE = TimeBase(epoch=0.0, interval_s=300.0)

@@ -6,7 +6,7 @@ import numpy as np
 
 from tests.bench.figures.update import BASE
 from tests.bench.timing import Figure, interleaved
-from tidemap.spectral.history import History
+from tidemap.history.history import History
 from tidemap.spectral.model import refit
 from tidemap.spectral.recipe import Recipe
 

@@ -17,13 +17,13 @@ from tests.support.memory import memory_mb, peak_memory_mb
 from tests.support.server import ServerProcess
 from tidemap.client import Client
 from tidemap.client.encoding import arrow, look
+from tidemap.history.segment import SEGMENT_SAMPLES, Segment
 from tidemap.ingest.observation import ARROW, Body
 from tidemap.schemas.locations import LocationForm
 from tidemap.services.context import Context
 from tidemap.services.locations import create_location, find_location
 from tidemap.services.observe import observe
 from tidemap.services.posts import Post
-from tidemap.spectral.segment import SEGMENT_SAMPLES, Segment
 from tidemap.storage.blobs import pack_segment
 from tidemap.storage.codec import HEADERS
 from tidemap.storage.records import CHUNK_CELLS

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tidemap.errors import InvalidInputError, TidemapError, UnreadableBodyError, UnsupportedMediaTypeError
+from tidemap.history.measurements import Measurements
 from tidemap.ingest.observation import ARROW, JSON, Body, Target, parse
 from tidemap.space.grid import SINGLE, Grid
-from tidemap.spectral.measurements import Measurements
 
 GRID = Grid("map", (0.0, 0.0, 0.0), 0.1, (4, 3, 2))
 LATEST = 2e9

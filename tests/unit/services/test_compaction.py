@@ -4,8 +4,8 @@ import tracemalloc
 
 import numpy as np
 
+from tidemap.history.measurements import Measurements
 from tidemap.services.compaction import _split
-from tidemap.spectral.measurements import Measurements
 from tidemap.storage.records import CHUNK_CELLS
 
 CHUNKS, POSTS = 64, 200

@@ -5,12 +5,12 @@ import tracemalloc
 import pytest
 
 from tests.support.contexts import compact_now, history_of, make_location, opened, post_rows
+from tidemap.history.history import UNOBSERVED
+from tidemap.history.measurements import Measurements
 from tidemap.services import history
 from tidemap.services.context import Context
 from tidemap.services.history import read_compacted
 from tidemap.services.locations import find_location
-from tidemap.spectral.history import UNOBSERVED
-from tidemap.spectral.measurements import Measurements
 from tidemap.storage import observations
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.support.contexts import NOW, history_of, make_location, post_rows, post_states, refit
+from tests.support.waiting import WAIT_S
 from tidemap.errors import (
     IdempotencyConflictError,
     InvalidInputError,
@@ -195,11 +196,11 @@ def test_a_quick_post_is_stored_told_and_refused_as_any_other(ctx: Context) -> N
     stranger = Claim(Principal("gone", "robot", 7), b"nobody's")
     posts = [opened(6000.0, "k"), odd, opened(6060.0, None), opened(6000.0, "k"), opened(7000.0, None, stranger)]
     go_on = Event()
-    ctx.store.submit(lambda _: go_on.wait(10))
+    ctx.store.submit(lambda _: go_on.wait(WAIT_S))
     futures = [begin_quick(ctx, "door", post) for post in posts]
     gone = begin_quick(ctx, "nowhere", opened(0.0, None))
     go_on.set()
-    refused = [type(future.exception(10)) for future in [*futures, gone]]
+    refused = [type(future.exception(WAIT_S)) for future in [*futures, gone]]
     nothing = type(None)
     assert refused == [nothing, InvalidInputError, nothing, nothing, UnauthorizedError, LocationNotFoundError]
     assert [len(futures[i].result().anomalies) for i in (0, 2, 3)] == [1, 1, 0]
@@ -213,9 +214,9 @@ def test_a_post_of_many_moments_is_not_quick_and_nothing_of_it_is_stored(ctx: Co
     times = [6000.0 + 60 * i for i in range(QUICK_LOOKS + 1)]
     post = Post(Body(f'{{"time": {times}, "state": {[1] * len(times)}}}'.encode(), JSON))
     with pytest.raises(NotQuickError):
-        begin_quick(ctx, "door", post).result(10)
+        begin_quick(ctx, "door", post).result(WAIT_S)
     assert find_location(ctx, "door").observation_seq == 1
-    assert begin(ctx, "door", post).result(10).accepted == len(times)
+    assert begin(ctx, "door", post).result(WAIT_S).accepted == len(times)
 
 
 def test_no_write_waits_for_a_model_that_another_process_has_made(ctx: Context) -> None:
@@ -223,9 +224,9 @@ def test_no_write_waits_for_a_model_that_another_process_has_made(ctx: Context) 
     observe(ctx, "door", opened(6000.0, None))
     refit(ctx, "door")
     with pytest.raises(NotQuickError):
-        begin_quick(ctx, "door", opened(6060.0, None)).result(10)
-    assert begin(ctx, "door", opened(6060.0, None)).result(10).revision == 2
-    assert begin_quick(ctx, "door", opened(6120.0, None)).result(10).revision == 2
+        begin_quick(ctx, "door", opened(6060.0, None)).result(WAIT_S)
+    assert begin(ctx, "door", opened(6060.0, None)).result(WAIT_S).revision == 2
+    assert begin_quick(ctx, "door", opened(6120.0, None)).result(WAIT_S).revision == 2
 
 
 def test_of_posts_in_one_group_only_those_that_are_wrong_are_refused(ctx: Context) -> None:
@@ -245,11 +246,11 @@ def test_of_posts_in_one_group_only_those_that_are_wrong_are_refused(ctx: Contex
         ("door", opened(6240.0, None)),
     ]
     go_on = Event()
-    ctx.store.submit(lambda _: go_on.wait(10))
+    ctx.store.submit(lambda _: go_on.wait(WAIT_S))
     deleted = ctx.store.submit(lambda work: work.locations.delete("attic"))
     futures = [begin(ctx, name, post) for name, post in posts]
     go_on.set()
-    wait([*futures, deleted], 10)
+    wait([*futures, deleted], WAIT_S)
     refused = [type(future.exception()) for future in futures]
     assert refused == [
         type(None),
@@ -278,10 +279,10 @@ def test_events_of_one_group_are_told_in_the_order_of_their_ids(ctx: Context) ->
     heard: list[Message] = []
     ctx.bus.subscribe(lambda message: heard.append(message) if message.kind == "anomaly" else None)
     go_on = Event()
-    ctx.store.submit(lambda _: go_on.wait(10))
+    ctx.store.submit(lambda _: go_on.wait(WAIT_S))
     futures = [begin(ctx, name, opened(6000.0, None)) for name in ("gate", "door", "gate")]
     go_on.set()
-    wait(futures, 10)
+    wait(futures, WAIT_S)
     assert [message.location for message in heard] == ["gate", "door", "gate"]
     assert [message.id for message in heard] == sorted(message.id for message in heard)
 

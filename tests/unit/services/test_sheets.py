@@ -84,7 +84,7 @@ def test_only_what_has_waves_is_written_again(ctx: Context) -> None:
 
 def test_once_warm_no_question_compiles_anything(ctx: Context) -> None:
     warm()
-    compiled: Any = (kernels.values, kernels.tell, kernels.turns)
+    compiled: Any = (kernels.values, kernels.write_verdicts, kernels.unit_phasors)
     before = [len(each.signatures) for each in compiled]
     rhythmic_lab(ctx)
     for how in ({}, {"order": 1}, {"estimator": "calendar"}, {"estimator": "static"}):

@@ -8,12 +8,12 @@ import pytest
 
 from tests.support.contexts import NOW, Clock, Serial, history_of, make_location, post_rows, post_states, refit
 from tidemap.errors import InvalidInputError, LocationNotFoundError, NoModelError, TidemapError
+from tidemap.history.history import UNOBSERVED
 from tidemap.services.context import Context
 from tidemap.services.locations import delete_location, find_location, get_location
 from tidemap.services.predict import StateQuery, state_at
 from tidemap.services.spectra import current_revision, fitted
 from tidemap.services.update import UpdateRequest, run_update
-from tidemap.spectral.history import UNOBSERVED
 from tidemap.spectral.prediction import predict_slow
 
 MINUTE, DAY = 60.0, 86_400.0

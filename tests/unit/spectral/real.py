@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from tests.support.office import read_office
 from tests.support.paths import ROOT
-from tidemap.spectral.history import UNOBSERVED, History
-from tidemap.spectral.timebase import TimeBase
+from tidemap.history.history import UNOBSERVED, History
+from tidemap.history.timebase import TimeBase
 
 DATA = ROOT.parent / "shared" / "data"
 MONDAY = 345_600.0

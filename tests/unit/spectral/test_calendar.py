@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tidemap.spectral import ascent, folding, waves
-from tidemap.spectral.ascent import base_logit, fit_rows
+from tidemap.history.history import History
+from tidemap.history.timebase import TimeBase
+from tidemap.spectral.calendar import folding, logistic, waves
+from tidemap.spectral.calendar.folding import Weeks
+from tidemap.spectral.calendar.logistic import base_logit, fit_rows
 from tidemap.spectral.civil import civil_seconds
 from tidemap.spectral.estimators import ESTIMATORS, fit, fit_recipe
 from tidemap.spectral.evaluation import score
-from tidemap.spectral.folding import Weeks
-from tidemap.spectral.history import History
 from tidemap.spectral.model import reconstruct, refit
 from tidemap.spectral.prediction import predict_slow, predict_times
 from tidemap.spectral.recipe import PRIORS, Prior, Recipe
 from tidemap.spectral.reconstruction import predicted_words
-from tidemap.spectral.spectrum import Spectrum, components, concatenate, truncate
-from tidemap.spectral.timebase import TimeBase
+from tidemap.spectral.spectrum import Spectrum, components, truncate
 
 LONDON = "Europe/London"
 SPRING = 1_711_324_800.0
@@ -74,7 +74,7 @@ def folded(history: History, base: TimeBase, prior: Prior, time_zone: str = LOND
     seen = folding.visits(history.start, history.stop, base, time_zone)
     weight = folding.recency(seen.n_days, prior.half_life_days)[np.newaxis]
     weeks = folding.fold(history, np.arange(history.n_cells), seen, weight)
-    return Weeks(weeks.seen[0], weeks.full[0])
+    return Weeks(weeks.n_observed[0], weeks.n_occupied[0])
 
 
 @pytest.mark.parametrize("prior", [Prior(), Prior(week="days", detail="sharp", evidence=1.0), Prior(evidence=0.05)])
@@ -82,10 +82,10 @@ def test_the_ascent_finds_the_maximum(prior: Prior) -> None:
     weeks = folded(working_hours(20), BASE, prior)
     design = waves.design(folding.slot_offset_s(BASE))
     evidence = np.full(4, prior.evidence, np.float32)
-    found = fit_rows(design, weeks.seen, weeks.full, evidence, waves.penalties(prior))
+    found = fit_rows(design, weeks.n_observed, weeks.n_occupied, evidence, waves.penalties(prior))
     for row in range(3):
-        seen, full = (prior.evidence * each[row].astype(np.float64) for each in (weeks.seen, weeks.full))
-        centre = float(base_logit(weeks.seen[row : row + 1], weeks.full[row : row + 1])[0])
+        seen, full = (prior.evidence * each[row].astype(np.float64) for each in (weeks.n_observed, weeks.n_occupied))
+        centre = float(base_logit(weeks.n_observed[row : row + 1], weeks.n_occupied[row : row + 1])[0])
         best = newton(design.astype(np.float64), seen, full, prior, centre)
         p, truth = (1 / (1 + np.exp(-(design @ beta))) for beta in (found[row], best))
         assert np.abs(p - truth).max() < 0.02
@@ -95,8 +95,8 @@ def test_the_ascent_finds_the_maximum(prior: Prior) -> None:
 @pytest.mark.parametrize("interval_s", [60.0, 300.0, 900.0])
 def test_folding_costs_less_than_a_hundredth_of_probability(interval_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Against the fit of every sample at its own time, with the same weights."""
-    monkeypatch.setattr(ascent, "TOLERANCE", 1e-5)
-    monkeypatch.setattr(ascent, "STEPS", 300)
+    monkeypatch.setattr(logistic, "TOLERANCE", 1e-5)
+    monkeypatch.setattr(logistic, "STEPS", 300)
     base, prior = TimeBase(BASE.epoch, interval_s), Prior(half_life_days=10.0)
     history = working_hours(9, base)
     tau_s = civil_seconds(base.time(np.arange(history.n_samples)), LONDON)
@@ -106,7 +106,7 @@ def test_folding_costs_less_than_a_hundredth_of_probability(interval_s: float, m
     weeks, states = folded(history, base, prior), history.states()
     spectrum = fit_recipe(history, replace(WHOLE, priors=(prior,)), base)
     for cell in range(3):
-        centre = float(base_logit(weeks.seen[cell : cell + 1], weeks.full[cell : cell + 1])[0])
+        centre = float(base_logit(weeks.n_observed[cell : cell + 1], weeks.n_occupied[cell : cell + 1])[0])
         best = newton(waves.columns(tau_s), weight, weight * states[cell], prior, centre)
         truth = 1 / (1 + np.exp(-(waves.columns(tau_s) @ best)))
         p = predict_times(spectrum, base.time(np.arange(history.n_samples)), [cell])[0]
@@ -132,10 +132,10 @@ def test_folding_counts_what_was_observed(interval_s: float) -> None:
         for row in range(2):
             each = weight[row, day - day[0]] * scale
             np.testing.assert_allclose(
-                weeks.seen[row, cell], np.bincount(slot, each * known, 672), rtol=2e-5, atol=1e-5
+                weeks.n_observed[row, cell], np.bincount(slot, each * known, 672), rtol=2e-5, atol=1e-5
             )
             full = np.bincount(slot, each * (states[cell] == 1), 672)
-            np.testing.assert_allclose(weeks.full[row, cell], full, rtol=2e-5, atol=1e-5)
+            np.testing.assert_allclose(weeks.n_occupied[row, cell], full, rtol=2e-5, atol=1e-5)
 
 
 @pytest.mark.parametrize("interval_s", [7.0, 300.0, 3600.0])
@@ -190,17 +190,6 @@ def test_every_estimator_handles_every_cell(name: str) -> None:
     assert np.all(p[3] > 0.5)
     assert np.all((p[4] >= 0) & (p[4] <= 1))
     assert np.all(np.isnan(p[5]))
-
-
-def test_a_batch_does_not_change_a_cell() -> None:
-    states = np.random.default_rng(5).integers(0, 3, (150, 4 * DAY)).astype(np.uint8)
-    states[:, ::2] = states[:, :1]
-    history, recipe = History.from_states(states), Recipe("calendar", 9, LONDON)
-    parts = [fit_recipe(history.cells(np.arange(a, b)), recipe, BASE) for a, b in ((0, 1), (1, 70), (70, 150))]
-    whole, joined = fit_recipe(history, recipe, BASE), concatenate(parts)
-    np.testing.assert_array_equal(whole.mean, joined.mean)
-    np.testing.assert_array_equal(whole.coefficient, joined.coefficient)
-    np.testing.assert_array_equal(whole.frequency_hz[whole.index], joined.frequency_hz[joined.index])
 
 
 def test_the_order_of_arrival_and_a_second_fit_change_nothing() -> None:

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from tests.unit.spectral.real import MONDAY
-from tidemap.spectral import level
+from tidemap.history.history import UNOBSERVED, History
+from tidemap.history.timebase import TimeBase
+from tidemap.spectral.auto.selection import choose
+from tidemap.spectral.calendar import level
 from tidemap.spectral.estimators import fit_recipe
 from tidemap.spectral.evaluation import score
-from tidemap.spectral.history import UNOBSERVED, History
 from tidemap.spectral.prediction import predict_times
 from tidemap.spectral.recipe import Prior, Recipe
-from tidemap.spectral.selection import choose
-from tidemap.spectral.timebase import TimeBase
 
 BASE, DAY = TimeBase(MONDAY, 900.0), 96
 PLAIN = Recipe("calendar", 64, "UTC", (Prior(week="day", half_life_days=math.inf),))
@@ -39,7 +39,7 @@ def test_departures_are_the_likeliest_within_bounds() -> None:
     )
     truth = 1 / (1 + np.exp(-eta - random.normal(0, 1, (50, 1))))
     full = (seen * (random.random(truth.shape) < truth)).astype(np.float32)
-    tried = np.linspace(-level.MOST, level.MOST, 401)
+    tried = np.linspace(-level.MAX_DEPARTURE, level.MAX_DEPARTURE, 401)
     logit = eta[..., np.newaxis].astype(np.float64) + tried
     gain = (full[..., np.newaxis] * logit - seen[..., np.newaxis] * np.logaddexp(0, logit)).sum(axis=1)
     best = tried[np.argmax(gain - 0.5 * level.VISITS * tried**2, axis=1)]
@@ -69,7 +69,7 @@ def test_doubt_draws_to_a_half_the_less_the_more_days_were_seen() -> None:
     away = {}
     for name, history in (("gap", History.from_states(states)), ("full", moody(70, 0.0))):
         sure, doubtful = (
-            predict_times(fit_recipe(history, Recipe("calendar", 64, "UTC", PLAIN.priors, doubt=doubt), BASE), time)
+            predict_times(fit_recipe(history, Recipe("calendar", 64, "UTC", PLAIN.priors, level_sd=doubt), BASE), time)
             for doubt in (0.0, 0.7)
         )
         assert np.all(np.abs(doubtful - 0.5) <= np.abs(sure - 0.5) + 1e-6)
@@ -84,7 +84,9 @@ def test_a_departure_is_followed_as_far_as_asked() -> None:
     time = BASE.time(np.arange(21 * DAY, 28 * DAY))
     mean = [
         float(
-            predict_times(fit_recipe(history, Recipe("calendar", 64, "UTC", PLAIN.priors, follow=f), BASE), time).mean()
+            predict_times(
+                fit_recipe(history, Recipe("calendar", 64, "UTC", PLAIN.priors, carry_over=f), BASE), time
+            ).mean()
         )
         for f in (0.0, 0.5, 1.0)
     ]
@@ -93,7 +95,7 @@ def test_a_departure_is_followed_as_far_as_asked() -> None:
 
 def test_auto_follows_moods_that_last_and_no_others() -> None:
     follow = {
-        memory: [choose(moody(56, memory, seed), BASE, time_zone="UTC").follow for seed in range(6)]
+        memory: [choose(moody(56, memory, seed), BASE, time_zone="UTC").carry_over for seed in range(6)]
         for memory in (0.0, 0.95)
     }
     assert np.mean(follow[0.0]) < 0.3
@@ -107,7 +109,8 @@ def test_following_predicts_better_where_moods_last() -> None:
         recipe = choose(history.window(0, 56 * DAY), BASE, time_zone="UTC").recipe
         for first in (56 * DAY, 63 * DAY, 70 * DAY):
             followed, steady = (
-                _next_week(history, first, replace(recipe, follow=share, doubt=0.0)) for share in (recipe.follow, 0.0)
+                _next_week(history, first, replace(recipe, carry_over=share, level_sd=0.0))
+                for share in (recipe.carry_over, 0.0)
             )
             gain.append(math.log(steady / followed))
     assert np.mean(gain) > 0.005

@@ -6,16 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tidemap.spectral.history import UNOBSERVED, History
-from tidemap.spectral.model import Model, accuracy, add, fit_part, predict, reconstruct, update
+from tidemap.history.history import UNOBSERVED, History
+from tidemap.history.timebase import TimeBase
+from tidemap.spectral.model import SpectralModel, accuracy, add, fit_part, predict, reconstruct, update
 from tidemap.spectral.outliers import Outliers, count, count_outliers, find_outliers
 from tidemap.spectral.recipe import Recipe
-from tidemap.spectral.timebase import TimeBase
 
 BASE = TimeBase(0.0, 60.0)
 
 
-def static_model(states: list[int], start: int = 0) -> Model:
+def static_model(states: list[int], start: int = 0) -> SpectralModel:
     return update(History.from_states(np.array([states], np.uint8), start), "static", 0, BASE)
 
 

@@ -7,13 +7,13 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.support.office import Office, Signal
+from tidemap.history.history import History
+from tidemap.history.timebase import TimeBase
 from tidemap.spectral.anomaly import is_anomalous
-from tidemap.spectral.history import History
-from tidemap.spectral.model import Model, accuracy, reconstruct, update
+from tidemap.spectral.auto.selection import choose
+from tidemap.spectral.model import SpectralModel, accuracy, reconstruct, update
 from tidemap.spectral.outliers import count, find_outliers
 from tidemap.spectral.prediction import predict_times
-from tidemap.spectral.selection import choose
-from tidemap.spectral.timebase import TimeBase
 
 BASE = TimeBase(0.0, 1.0)
 ORDERS = (0, 1, 2, 3, 5, 10, 15, 20)
@@ -26,11 +26,11 @@ def history(signal: Signal) -> History:
     return History.from_states(signal.state[np.newaxis], start=int(signal.time_s[0]))
 
 
-def model(office: Office, order: int) -> Model:
+def model(office: Office, order: int) -> SpectralModel:
     return update(history(office.week), "fft", order, BASE)
 
 
-def predicted(spectrum_of: Model, day: Signal) -> float:
+def predicted(spectrum_of: SpectralModel, day: Signal) -> float:
     wrong = count(find_outliers(spectrum_of.spectrum, history(day), BASE))
     return 1 - float(wrong[0]) / day.state.size
 

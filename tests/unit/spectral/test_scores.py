@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from tidemap.history.history import History
+from tidemap.history.timebase import TimeBase
 from tidemap.spectral.anomaly import is_anomalous, surprise
+from tidemap.spectral.auto.selection import choose
 from tidemap.spectral.evaluation import expected_calibration_error, reliability, score
-from tidemap.spectral.history import History
-from tidemap.spectral.selection import choose
-from tidemap.spectral.timebase import TimeBase
 from tidemap.spectral.window import fit_window
 
 HOURLY = TimeBase(0.0, 3600.0)

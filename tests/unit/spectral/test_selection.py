@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 from tests.unit.spectral import real
 from tests.unit.spectral.rivals import KINDS, histogram
 from tests.unit.spectral.test_calendar import BASE, DAY, LONDON, working_hours
+from tidemap.history.history import UNOBSERVED, History
+from tidemap.history.timebase import TimeBase
+from tidemap.spectral.auto.selection import Choice, choose
+from tidemap.spectral.auto.trials import plan, task
 from tidemap.spectral.civil import civil_seconds
 from tidemap.spectral.estimators import fit_recipe
 from tidemap.spectral.evaluation import Scores, expected_calibration_error, reliability, score
-from tidemap.spectral.history import UNOBSERVED, History
 from tidemap.spectral.prediction import predict_times
 from tidemap.spectral.recipe import Prior, Recipe
-from tidemap.spectral.selection import Selection, choose
-from tidemap.spectral.timebase import TimeBase
-from tidemap.spectral.trials import plan, task
 from tidemap.spectral.window import fit_window
 
 WEEK = 7 * 1440
@@ -26,7 +26,7 @@ ORDERS = (1, 2, 3, 4, 5, 6, 8, 10, 15)
 
 def chosen_and_predicted(
     history: History, base: TimeBase, time_zone: str, ahead: NDArray[np.int64]
-) -> tuple[Selection, NDArray[np.float32]]:
+) -> tuple[Choice, NDArray[np.float32]]:
     """What `auto` makes of a history and what it then expects, (n_cells, n_times)."""
     chosen = choose(history, base, time_zone=time_zone)
     window = (history.start, history.stop)
@@ -169,7 +169,7 @@ def test_what_a_trial_learns_and_is_asked() -> None:
         past = made.past(trial)
         assert np.all(past.window(int(sample.min()), int(sample.max()) + 1).states() == UNOBSERVED)
         np.testing.assert_array_equal(slot, civil_seconds(time, LONDON) % 604_800 // 900)
-        assert made.truth.seen[i, 0].sum() == pytest.approx(slot.size)
+        assert made.truth.n_observed[i, 0].sum() == pytest.approx(slot.size)
 
 
 def test_the_office_door() -> None:

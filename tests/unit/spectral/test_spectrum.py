@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tidemap.history.bits import WORD
+from tidemap.history.history import History
+from tidemap.history.timebase import TimeBase
 from tidemap.spectral import prediction, reconstruction
-from tidemap.spectral.bits import WORD
 from tidemap.spectral.civil import civil_seconds
 from tidemap.spectral.estimators import fit
-from tidemap.spectral.history import History
 from tidemap.spectral.prediction import (
-    Answer,
+    StateColumns,
     entropy,
     predict,
     predict_slow,
@@ -27,7 +28,6 @@ from tidemap.spectral.prediction import (
     write_waves,
 )
 from tidemap.spectral.spectrum import Spectrum, components, concatenate, select, truncate
-from tidemap.spectral.timebase import TimeBase
 
 BASE = TimeBase(epoch=1.7e9, interval_s=300.0)
 BOUND = 2e-5
@@ -107,7 +107,7 @@ def written(
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.uint8]]:
     """What `write_waves` writes of all cells, beginning with what holds at all times."""
     standing = probability(model, model.mean.copy())
-    out = Answer(standing, state(standing, confidence), verdict(standing, confidence))
+    out = StateColumns(standing, state(standing, confidence), verdict(standing, confidence))
     write_waves(model, time, confidence, model.cell, out, threads)
     return out.probability, out.state, out.verdict
 

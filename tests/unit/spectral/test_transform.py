@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from tidemap.history.history import History
+from tidemap.history.timebase import TimeBase
 from tidemap.spectral import transform
 from tidemap.spectral.estimators import fit
-from tidemap.spectral.history import History
 from tidemap.spectral.spectrum import Spectrum, components
-from tidemap.spectral.timebase import TimeBase
 
 BASE = TimeBase(0.0, 60.0)
 

@@ -11,6 +11,7 @@ from threading import Event
 
 import pytest
 
+from tests.support.waiting import WAIT_S
 from tidemap.storage.store import Store
 from tidemap.storage.work import Work
 
@@ -82,11 +83,11 @@ def test_a_reader_that_stays_is_waited_for_a_little_and_then_later_again(
         with store.read() as work:
             work.keys.count()
             inside.set()
-            assert leave.wait(30)
+            assert leave.wait(WAIT_S)
 
     with ThreadPoolExecutor(1) as pool:
         staying = pool.submit(stay)
-        assert inside.wait(10)
+        assert inside.wait(WAIT_S)
         for _ in range(30):
             store.write(write)
         assert log.stat().st_size > MOST

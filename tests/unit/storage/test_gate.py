@@ -5,11 +5,9 @@ from threading import Event, Thread
 
 import pytest
 
-from tests.support.waiting import until
+from tests.support.waiting import WAIT_S, until
 from tidemap.errors import ShuttingDownError
 from tidemap.storage.gate import Gate
-
-WAIT_S = 10.0
 
 
 def test_many_are_inside_at_once_and_it_shuts_when_they_have_left() -> None:

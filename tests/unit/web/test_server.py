@@ -3,6 +3,7 @@
 import asyncio
 import threading
 
+from tests.support.waiting import WAIT_S
 from tidemap.events.bus import Bus
 from tidemap.events.messages import Message
 from tidemap_web.viewer.news import News
@@ -28,7 +29,7 @@ def test_news_are_told_together() -> None:
     for number in range(200):
         bus.publish(Message("observation", "lab", number, 0.0))
     bus.publish(Message("update", "last", 1, 0.0))
-    assert enough.wait(5)
+    assert enough.wait(WAIT_S)
     assert set().union(*told) == {"lab", "last"}
     assert len(told) <= 3
     news.stop()

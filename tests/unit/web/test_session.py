@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from tests.support.waiting import WAIT_S
 from tests.unit.web.states import NOW, FakeSource, location
 from tidemap_web.viewer.messages import Aim, Select, Wish, parse
 from tidemap_web.viewer.session import Session
@@ -32,7 +33,7 @@ class Page:
             return next((m for m in reversed(self.told) if m["kind"] == kind and true(m)), None)
 
         with self._more:
-            assert self._more.wait_for(found, timeout=5), self.told
+            assert self._more.wait_for(found, timeout=WAIT_S), self.told
             return found() or {}
 
 
@@ -69,7 +70,7 @@ class FakeScene:
         self.drawn.append("select" if index is not None else "-")
 
     def send(self, wait_s: float) -> None:
-        assert self.gate.wait(5)
+        assert self.gate.wait(WAIT_S)
         if self.fails is not None:
             error, self.fails = self.fails, None
             raise error

@@ -13,7 +13,7 @@ import pytest
 from sqlalchemy.exc import OperationalError
 
 from tests.support.contexts import at_work, make_location, on_duty, post_rows, post_states
-from tests.support.waiting import until
+from tests.support.waiting import WAIT_S, until
 from tidemap.errors import OffDutyError
 from tidemap.services import compaction
 from tidemap.services.context import Context
@@ -26,7 +26,6 @@ from tidemap.workers.compactor import COMPACT_POSTS, Compactor
 from tidemap.workers.duty import Duty, Term
 from tidemap.workers.updater import Updater
 
-WAIT_S = 20.0
 STATIC = UpdateRequest(estimator="static")
 
 

@@ -6,6 +6,7 @@ from threading import Event, Thread, current_thread
 
 import pytest
 
+from tests.support.waiting import WAIT_S
 from tidemap.errors import ShuttingDownError
 from tidemap.workers.executors import LocalExecutor
 
@@ -31,7 +32,7 @@ def test_tasks_run_at_the_same_time_in_threads_of_its_own(executor: LocalExecuto
 
     def meet(n: int) -> str:
         begun[n].set()
-        assert begun[1 - n].wait(10)
+        assert begun[1 - n].wait(WAIT_S)
         return current_thread().name
 
     assert all(name.startswith("tidemap-update") for name in executor.map(meet, range(2)))
@@ -55,7 +56,7 @@ def test_closing_lets_what_runs_end_and_says_so_for_the_rest() -> None:
 
     def task(n: int) -> None:
         begun.set()
-        go_on.wait(10)
+        go_on.wait(WAIT_S)
         ended.append(n)
 
     failed: list[BaseException] = []
@@ -68,12 +69,12 @@ def test_closing_lets_what_runs_end_and_says_so_for_the_rest() -> None:
 
     running = Thread(target=run)
     running.start()
-    assert begun.wait(10)
+    assert begun.wait(WAIT_S)
     closing = Thread(target=executor.close)
     closing.start()
     go_on.set()
     for thread in (closing, running):
-        thread.join(10)
+        thread.join(WAIT_S)
     assert ended == list(range(len(ended)))
     assert [type(error) for error in failed] == [ShuttingDownError] or len(ended) == 5
     with pytest.raises(ShuttingDownError):

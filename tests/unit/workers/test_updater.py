@@ -1,7 +1,7 @@
 """The updater: refits by itself what has grown, runs what was asked for, and nothing stops it."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from threading import Event
@@ -22,6 +22,7 @@ from tests.support.contexts import (
     post_rows,
     post_states,
 )
+from tests.support.waiting import WAIT_S, until
 from tidemap.errors import JobFinishedError, JobNotFoundError, QueueFullError, StorageUnavailableError
 from tidemap.events.messages import Message
 from tidemap.schemas.jobs import Job
@@ -39,7 +40,6 @@ from tidemap.workers import updater as updater_module
 from tidemap.workers.duty import Duty
 from tidemap.workers.updater import Updater, is_due
 
-WAIT_S = 20.0
 STATIC = UpdateRequest(estimator="static")
 
 
@@ -48,15 +48,6 @@ def working(ctx: Context) -> Iterator[Updater]:
     """An updater at work."""
     with on_duty(ctx) as duty, at_work(Updater(ctx, duty)) as updater:
         yield updater
-
-
-def until(condition: Callable[[], Any]) -> Any:
-    """Wait for something to become true; its value."""
-    deadline = time.monotonic() + WAIT_S
-    while not (value := condition()):
-        assert time.monotonic() < deadline, "this did not happen"
-        time.sleep(0.005)
-    return value
 
 
 def finished(ctx: Context, number: int) -> Job | None:

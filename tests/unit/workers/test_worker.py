@@ -7,7 +7,7 @@ from threading import Event
 import pytest
 
 from tests.support.contexts import make_location
-from tests.support.waiting import until
+from tests.support.waiting import WAIT_S, until
 from tidemap.errors import LocationNotFoundError, QueueFullError
 from tidemap.services.context import Context
 from tidemap.services.locations import find_location
@@ -60,7 +60,7 @@ def test_told_to_end_it_leaves_the_round_at_its_next_check() -> None:
 
     worker = Worker("sleeper", LONG_S, work)
     with worker.running():
-        assert begun.wait(10)
+        assert begun.wait(WAIT_S)
     assert not worker.alive()
 
 

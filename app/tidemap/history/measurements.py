@@ -7,7 +7,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.spectral.timebase import TimeBase
+from tidemap.history.timebase import TimeBase
 
 Key = TypeVar("Key", np.uint32, np.uint64)
 FEW_RUNS = 64

@@ -33,6 +33,20 @@ class TimeBase:
         n = n + (self.time(n + 1) <= seconds)
         return np.asarray(n - (self.time(n) > seconds), np.int64)
 
+    def clamp(self, window: tuple[int, int], start: float | None, stop: float | None) -> tuple[int, int]:
+        """The samples [first, last) of a window from the time `start` to `stop`, each by default its own end.
+
+        Empty, or reversed, where the window has none of them.
+
+        >>> TimeBase(0.0, 60.0).clamp((2, 9), 300.0, None)
+        (5, 9)
+        """
+        first, last = window
+        return (
+            first if start is None else max(first, int(self.sample(start))),
+            last if stop is None else min(last, int(self.sample(stop))),
+        )
+
     def time(self, sample: ArrayLike) -> NDArray[np.float64]:
         """The start of a sample in seconds, epoch + n interval_s; fractions of a sample allowed."""
         return np.asarray(self.epoch + np.asarray(sample, np.float64) * self.interval_s, np.float64)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.spectral.jit import kernel, load_word, lowest
+from tidemap.history.jit import kernel, load_word, lowest
 
 Plane = NDArray[np.uint8]
 Words = NDArray[np.uint64]

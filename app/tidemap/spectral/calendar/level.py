@@ -10,36 +10,38 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.spectral.ascent import Matrix, Vector, response
+from tidemap.spectral.calendar.logistic import Vector, response
+from tidemap.spectral.calendar.products import Matrix
 
 HALF_LIFE_DAYS: Final = 1.0
 """How soon the days before the last count less."""
 VISITS: Final = 3.0
 """The prior precision of a departure, in visits times p (1 - p): one such visit moves the level by little."""
-MOST: Final = 1.0
+MAX_DEPARTURE: Final = 1.0
 """The greatest departure followed, on the logit scale: one strange day must not turn everything over."""
 STEPS = 8
 
 
-def departures(eta: Matrix, seen: Matrix, full: Matrix) -> Vector:
+def departures(eta: Matrix, n_observed: Matrix, n_occupied: Matrix) -> Vector:
     """What, added to the logits of every row (n_rows, n_slots), makes the visits of its last days likeliest.
 
-    seen, full: visits and those occupied, weighed by HALF_LIFE_DAYS. Newton steps, bounded by MOST.
+    n_observed, n_occupied: visits and those occupied, weighed by HALF_LIFE_DAYS.
+    Newton steps, bounded by MAX_DEPARTURE.
     """
     apart = np.zeros((eta.shape[0], 1), np.float32)
     for _ in range(STEPS):
-        residual, curvature = response(eta + apart, seen, full)
+        residual, curvature = response(eta + apart, n_observed, n_occupied)
         slope = residual.sum(axis=1, keepdims=True) - np.float32(VISITS) * apart
         bend = curvature.sum(axis=1, keepdims=True) + np.float32(VISITS)
-        apart = np.clip(apart + slope / bend, -MOST, MOST).astype(np.float32)
+        apart = np.clip(apart + slope / bend, -MAX_DEPARTURE, MAX_DEPARTURE).astype(np.float32)
     return apart[:, 0]
 
 
-def caution(doubt: float, days: NDArray[np.int64]) -> Vector:
+def caution(level_sd: float, days: NDArray[np.int64]) -> Vector:
     """By what the logits of a rhythm learned from so many days are multiplied.
 
     The mean of a logistic function over a normal level of variance v is close to that of the logit times
     (1 + π v / 8)^-½; v falls as the weeks seen grow.
     """
-    variance = doubt**2 * 7 / np.maximum(days, 1)
+    variance = level_sd**2 * 7 / np.maximum(days, 1)
     return np.asarray((1 + math.pi / 8 * variance) ** -0.5, np.float32)

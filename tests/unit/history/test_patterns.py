@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from tidemap.spectral.patterns import distinct, spread, transpose
+from tidemap.history.patterns import distinct, fill_unobserved, transpose
 
 planes = st.tuples(st.integers(0, 20), st.integers(0, 5)).flatmap(lambda shape: hnp.arrays(np.uint8, shape))
 few = settings(max_examples=60)
@@ -36,7 +36,7 @@ def test_a_transposed_plane_has_its_columns_as_rows(plane: np.ndarray) -> None:
 @given(planes, st.randoms(use_true_random=False))
 def test_a_state_stands_until_the_next_that_was_observed(observed: np.ndarray, random) -> None:
     occupied = observed & np.frombuffer(random.randbytes(observed.size), np.uint8).reshape(observed.shape)
-    found = dense(spread(observed, occupied))
+    found = dense(fill_unobserved(observed, occupied))
     for seen, full, states in zip(dense(observed), dense(occupied), found, strict=True):
         at = np.flatnonzero(seen)
         if not len(at):

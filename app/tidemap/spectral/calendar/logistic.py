@@ -7,24 +7,23 @@ direction, and needs no factorisation.
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.spectral.blas import single_threaded
-from tidemap.spectral.jit import fused_kernel
+from tidemap.history.jit import fused_kernel
+from tidemap.spectral.calendar.products import Matrix, Panels, pack, product
 
 ROWS = 64
-"""Rows fitted at once; blocks are filled up to it, so that a row does not depend on its batch."""
+"""Rows fitted at once, so that what they need stays in the processor's cache."""
 STEPS = 40
 TOLERANCE = 0.01
 """A row is done when its log posterior is within about half of this, in nats, of its maximum."""
 OVERSHOT = -0.5
 
-Matrix = NDArray[np.float32]
 Vector = NDArray[np.float32]
 
 
 def fit_rows(
     design: Matrix,
-    seen: Matrix,
-    full: Matrix,
+    n_observed: Matrix,
+    n_occupied: Matrix,
     evidence: Vector,
     penalty: Vector,
     kept: Matrix | None = None,
@@ -32,49 +31,45 @@ def fit_rows(
 ) -> Matrix:
     """Coefficients (n_rows, n_columns) of greatest posterior, the centre of the intercept included.
 
-    design (n_slots, n_columns), the first column ones; seen, full (n_rows, n_slots): visits, and those
+    design (n_slots, n_columns), the first column ones; n_observed, n_occupied (n_rows, n_slots): visits, and those
     occupied; evidence (n_rows,) multiplies both; penalty (n_columns,): infinite leaves a column out.
     kept (n_rows, n_columns): 0 leaves a column out of a row. start: where to begin, it changes the
     cost alone. The intercept is drawn to `base_logit`.
     """
-    single_threaded()
     used = np.flatnonzero(np.isfinite(penalty))
     columns = np.ascontiguousarray(design[:, used])
-    plan = (columns, np.ascontiguousarray(columns.T), np.asarray(np.mean(columns * columns, axis=0), np.float32))
-    centre = base_logit(seen, full)
-    begin = np.zeros((seen.shape[0], used.size), np.float32) if start is None else start[:, used]
+    plan = (pack(columns), pack(columns.T), np.asarray(np.mean(columns * columns, axis=0), np.float32))
+    centre = base_logit(n_observed, n_occupied)
+    begin = np.zeros((n_observed.shape[0], used.size), np.float32) if start is None else start[:, used]
     allowed = np.ones_like(begin) if kept is None else kept[:, used]
-    out = np.zeros((seen.shape[0], design.shape[1]), np.float32)
-    for first in range(0, seen.shape[0], ROWS):
+    out = np.zeros((n_observed.shape[0], design.shape[1]), np.float32)
+    for first in range(0, n_observed.shape[0], ROWS):
         rows = slice(first, first + ROWS)
         one = evidence[rows, np.newaxis]
         at = begin[rows].copy()
         if start is not None:
             at[:, 0] -= centre[rows]
-        parts = (seen[rows] * one, full[rows] * one, allowed[rows], centre[rows, np.newaxis], at * allowed[rows])
-        found = _ascend(*plan, penalty[used], *(_filled(part) for part in parts))
-        out[rows, used] = found[: one.shape[0]]
+        parts = (
+            n_observed[rows] * one,
+            n_occupied[rows] * one,
+            allowed[rows],
+            centre[rows, np.newaxis],
+            at * allowed[rows],
+        )
+        out[rows, used] = _ascend(*plan, penalty[used], *parts)
     return out
 
 
 def evaluate(design: Matrix, beta: Matrix) -> Matrix:
-    """The logits (n_rows, n_slots) of coefficients; no row depends on its batch."""
-    single_threaded()
-    transposed, out = design.T, np.empty((beta.shape[0], design.shape[0]), np.float32)
-    for first in range(0, beta.shape[0], ROWS):
-        part = beta[first : first + ROWS]
-        out[first : first + ROWS] = (_filled(part) @ transposed)[: part.shape[0]]
-    return out
+    """The logits (…, n_slots) of coefficients (…, n_columns)."""
+    rows = product(beta.reshape(-1, beta.shape[-1]), pack(design.T))
+    return rows.reshape(*beta.shape[:-1], design.shape[0])
 
 
-def base_logit(seen: Matrix, full: Matrix) -> Vector:
+def base_logit(n_observed: Matrix, n_occupied: Matrix) -> Vector:
     """The logit of the share of visits that were occupied, half a visit of each kind added, (n_rows,)."""
-    n_seen, n_full = seen.sum(axis=1), full.sum(axis=1)
-    return np.asarray(np.log((n_full + 0.5) / (n_seen - n_full + 0.5)), np.float32)
-
-
-def _filled(part: Matrix) -> Matrix:
-    return np.pad(part, ((0, ROWS - part.shape[0]), (0, 0))) if part.shape[0] < ROWS else part
+    observed, occupied = n_observed.sum(axis=1), n_occupied.sum(axis=1)
+    return np.asarray(np.log((occupied + 0.5) / (observed - occupied + 0.5)), np.float32)
 
 
 def _dot(a: Matrix, b: Matrix) -> Vector:
@@ -82,25 +77,25 @@ def _dot(a: Matrix, b: Matrix) -> Vector:
 
 
 def _ascend(
-    design: Matrix,
-    transposed: Matrix,
+    design: Panels,
+    transposed: Panels,
     square: Vector,
     penalty: Vector,
-    seen: Matrix,
-    full: Matrix,
+    n_observed: Matrix,
+    n_occupied: Matrix,
     kept: Matrix,
     centre: Matrix,
     beta: Matrix,
 ) -> Matrix:
     """One block from `beta` on: Polak–Ribière directions, each row on its own until it is done."""
     share = 1 / (1 + np.exp(-centre))
-    level = seen.sum(axis=1, keepdims=True) * share * (1 - share)
+    level = n_observed.sum(axis=1, keepdims=True) * share * (1 - share)
     scale = kept / np.maximum(penalty + level * square, np.float32(1e-6))
-    eta = centre + beta @ transposed
-    residual, curvature = response(eta, seen, full)
-    step, before, drop = np.zeros_like(beta), np.zeros_like(beta), np.ones(ROWS, np.float32)
+    eta = centre + product(beta, transposed)
+    residual, curvature = response(eta, n_observed, n_occupied)
+    step, before, drop = np.zeros_like(beta), np.zeros_like(beta), np.ones(beta.shape[0], np.float32)
     for _ in range(STEPS):
-        gradient = residual @ design - penalty * beta
+        gradient = product(residual, design) - penalty * beta
         ahead = scale * gradient
         gain = _dot(gradient, ahead)
         running = gain > TOLERANCE
@@ -111,14 +106,14 @@ def _ascend(
         wrong = _dot(gradient, step) <= 0
         step[wrong] = ahead[wrong]
         before, drop = gradient, np.maximum(gain, np.float32(1e-20))
-        move = step @ transposed
+        move = product(step, transposed)
         slope, weighed = _dot(gradient, step), penalty * step
         bend = _dot(curvature, move * move) + _dot(weighed, step)
         length = np.where(running, slope / np.maximum(bend, np.float32(1e-20)), 0).astype(np.float32)
         pull, stiff = _dot(weighed, beta), _dot(weighed, step)
         for _ in range(6):
             ahead_eta = eta + length[:, np.newaxis] * move
-            residual, curvature = response(ahead_eta, seen, full)
+            residual, curvature = response(ahead_eta, n_observed, n_occupied)
             left = _dot(residual, move) - pull - length * stiff
             over = running & (left < OVERSHOT * slope)
             if not over.any():
@@ -131,15 +126,15 @@ def _ascend(
     return beta
 
 
-def response(eta: Matrix, seen: Matrix, full: Matrix) -> tuple[Matrix, Matrix]:
-    """full - seen · p and seen · p (1 - p)."""
+def response(eta: Matrix, n_observed: Matrix, n_occupied: Matrix) -> tuple[Matrix, Matrix]:
+    """n_occupied - n_observed · p and n_observed · p (1 - p)."""
     residual, curvature = np.empty_like(eta), np.empty_like(eta)
-    _respond(eta.ravel(), seen.ravel(), full.ravel(), residual.ravel(), curvature.ravel())
+    _respond(eta.ravel(), n_observed.ravel(), n_occupied.ravel(), residual.ravel(), curvature.ravel())
     return residual, curvature
 
 
 @fused_kernel
-def _respond(eta: Vector, seen: Vector, full: Vector, residual: Vector, curvature: Vector) -> None:
+def _respond(eta: Vector, n_observed: Vector, n_occupied: Vector, residual: Vector, curvature: Vector) -> None:
     """p = ½ + ½ tanh(½ η), tanh as a ratio of polynomials: exact to 2e-7, and vectorised where exp is not.
 
     The minimax coefficients of degree 13 over 6 are those widely used for float32 (as in Eigen).
@@ -157,6 +152,6 @@ def _respond(eta: Vector, seen: Vector, full: Vector, residual: Vector, curvatur
         below = y * below + np.float32(2.26843463243900e-03)
         below = y * below + np.float32(4.89352518554385e-03)
         p = np.float32(0.5) + np.float32(0.5) * (top / below)
-        expected = seen[i] * p
-        residual[i] = full[i] - expected
+        expected = n_observed[i] * p
+        residual[i] = n_occupied[i] - expected
         curvature[i] = expected - expected * p

@@ -10,12 +10,12 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.spectral.bits import LAST, ONE, Plane, Words, aligned_word, ones
+from tidemap.history.bits import LAST, ONE, Plane, Words, aligned_word, ones
+from tidemap.history.history import History
+from tidemap.history.jit import fused_kernel, kernel
+from tidemap.history.timebase import TimeBase
+from tidemap.spectral.calendar.waves import DAY_S, PHASES, SLOT_S, SLOTS, SLOTS_A_DAY, WEEK_S
 from tidemap.spectral.civil import civil_seconds
-from tidemap.spectral.history import History
-from tidemap.spectral.jit import fused_kernel, kernel
-from tidemap.spectral.timebase import TimeBase
-from tidemap.spectral.waves import DAY_S, PHASES, SLOT_S, SLOTS, SLOTS_A_DAY, WEEK_S
 
 DAYS_A_WEEK = 7
 MAX_DAYS = 182
@@ -54,11 +54,11 @@ class Weeks:
     Of visits with phases each slot is split by phase, (n_weights, n_cells, 672 · PHASES).
 
     A visit counts 1 on average: several samples of a slot on one day repeat each other. Of one that
-    was occupied for a part that part is in `full`.
+    was occupied for a part that part is in `n_occupied`.
     """
 
-    seen: NDArray[np.float32]
-    full: NDArray[np.float32]
+    n_observed: NDArray[np.float32]
+    n_occupied: NDArray[np.float32]
 
 
 def recent(history: History, base: TimeBase) -> History:
@@ -85,30 +85,31 @@ def visits(start: int, stop: int, base: TimeBase, time_zone: str) -> Visits:
     return Visits(ends, day - first_day, slots % SLOTS_A_DAY, first_day, last_day - first_day + 1)
 
 
-def fold(history: History, rows: NDArray[np.int64], seen: Visits, weight: NDArray[np.float32]) -> Weeks:
+def fold(history: History, rows: NDArray[np.int64], visits: Visits, weight: NDArray[np.float32]) -> Weeks:
     """Some cells of a history, every day counted with its weights (n_weights, n_days).
 
     0.1 ms per cell and year of quarters of an hour, whatever the samples an hour.
     """
-    split = 1 if seen.phase is None else PHASES
-    slot = seen.slot if seen.phase is None else seen.slot * PHASES + seen.phase
+    split = 1 if visits.phase is None else PHASES
+    slot = visits.slot if visits.phase is None else visits.slot * PHASES + visits.phase
     shape = (weight.shape[0], rows.size, SLOTS * split)
     weeks = Weeks(np.zeros(shape, np.float32), np.zeros(shape, np.float32))
     count = np.zeros((rows.size, 2), np.int64)
-    end = np.append(np.flatnonzero(np.diff(seen.day)) + 1, seen.day.size)
-    place = ((seen.first_day + seen.day[end - 1]) % DAYS_A_WEEK) * SLOTS_A_DAY * split
-    by_day = np.ascontiguousarray(weight.T[seen.day[end - 1]])
+    end = np.append(np.flatnonzero(np.diff(visits.day)) + 1, visits.day.size)
+    place = ((visits.first_day + visits.day[end - 1]) % DAYS_A_WEEK) * SLOTS_A_DAY * split
+    by_day = np.ascontiguousarray(weight.T[visits.day[end - 1]])
     planes = (history.observed, history.occupied)
-    _count(*planes, rows, seen.stop.astype(np.uint64), slot, end, place, by_day, weeks.seen, weeks.full, count)
+    stop = visits.stop.astype(np.uint64)
+    _count(*planes, rows, stop, slot, end, place, by_day, weeks.n_observed, weeks.n_occupied, count)
     scale = (count[:, 0] / np.maximum(count[:, 1], 1)).astype(np.float32)
-    return Weeks(weeks.seen * scale[:, np.newaxis], weeks.full * scale[:, np.newaxis])
+    return Weeks(weeks.n_observed * scale[:, np.newaxis], weeks.n_occupied * scale[:, np.newaxis])
 
 
-def days_seen(history: History, rows: NDArray[np.int64], seen: Visits) -> NDArray[np.int64]:
+def days_seen(history: History, rows: NDArray[np.int64], visits: Visits) -> NDArray[np.int64]:
     """On how many civil days each cell was observed, (n_rows,)."""
-    end = np.append(np.flatnonzero(np.diff(seen.day)) + 1, seen.day.size)
+    end = np.append(np.flatnonzero(np.diff(visits.day)) + 1, visits.day.size)
     days = np.zeros(rows.size, np.int64)
-    _count_days(history.observed, rows, seen.stop[end - 1].astype(np.uint64), days)
+    _count_days(history.observed, rows, visits.stop[end - 1].astype(np.uint64), days)
     return days
 
 
@@ -164,24 +165,24 @@ def _count(
     end: NDArray[np.int64],
     place: NDArray[np.int64],
     weight: NDArray[np.float32],
-    seen: NDArray[np.float32],
-    full: NDArray[np.float32],
+    n_observed: NDArray[np.float32],
+    n_occupied: NDArray[np.float32],
     count: NDArray[np.int64],
 ) -> None:
-    """seen, full (n_weights, n, 672) += weight (n_days, n_weights) · samples of the visits of a day.
+    """n_observed, n_occupied (n_weights, n, 672) += weight (n_days, n_weights) · samples of the visits of a day.
 
     Visits reach from one `stop` to the next; those of a day reach to `end` (n_days,), and its slots
     begin at `place`. count (n, 2): visits and samples observed.
     """
     word = np.empty(observed.shape[1] // 8 + 2, np.uint64)
     before = np.empty(word.size, np.uint64)
-    seen_rank, full_rank = np.empty(stop.size + 1, np.int32), np.empty(stop.size + 1, np.int32)
+    observed_rank, occupied_rank = np.empty(stop.size + 1, np.int32), np.empty(stop.size + 1, np.int32)
     for i in range(row.size):
-        _rank(observed, row[i], stop, word, before, seen_rank)
-        _rank(occupied, row[i], stop, word, before, full_rank)
+        _rank(observed, row[i], stop, word, before, observed_rank)
+        _rank(occupied, row[i], stop, word, before, occupied_rank)
         for visit in range(stop.size):
-            count[i, 0] += seen_rank[visit + 1] > seen_rank[visit]
-        count[i, 1] = seen_rank[stop.size]
+            count[i, 0] += observed_rank[visit + 1] > observed_rank[visit]
+        count[i, 1] = observed_rank[stop.size]
         first = 0
         for day in range(end.size):
             last = end[day]
@@ -194,11 +195,11 @@ def _count(
                 if apart:
                     for visit in range(first, last):
                         to = place[day] + slot[visit]
-                        seen[which, i, to] += share * np.float32(seen_rank[visit + 1] - seen_rank[visit])
-                        full[which, i, to] += share * np.float32(full_rank[visit + 1] - full_rank[visit])
+                        n_observed[which, i, to] += share * np.float32(observed_rank[visit + 1] - observed_rank[visit])
+                        n_occupied[which, i, to] += share * np.float32(occupied_rank[visit + 1] - occupied_rank[visit])
                 else:
                     for x in range(last - first):
                         at = first + x
-                        seen[which, i, to + x] += share * np.float32(seen_rank[at + 1] - seen_rank[at])
-                        full[which, i, to + x] += share * np.float32(full_rank[at + 1] - full_rank[at])
+                        n_observed[which, i, to + x] += share * np.float32(observed_rank[at + 1] - observed_rank[at])
+                        n_occupied[which, i, to + x] += share * np.float32(occupied_rank[at + 1] - occupied_rank[at])
             first = last

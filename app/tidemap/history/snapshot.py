@@ -5,14 +5,14 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.spectral.jit import kernel
-from tidemap.spectral.measurements import Measurements
+from tidemap.history.jit import kernel
+from tidemap.history.measurements import Measurements
 
 Kind = TypeVar("Kind", bound=np.generic)
 TYPES: tuple[np.dtype[Any], ...] = (np.dtype(np.float64), np.dtype(np.uint32), np.dtype(np.uint8))
 
 
-def order_look(
+def sort_snapshot(
     time: NDArray[np.generic],
     cell: NDArray[np.generic],
     state: NDArray[np.generic],

@@ -6,8 +6,8 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tidemap.spectral import bits
-from tidemap.spectral.intervals import Intervals, set_positions
+from tidemap.history import bits
+from tidemap.history.intervals import Intervals, set_positions
 
 FREE: Final = 0
 OCCUPIED: Final = 1

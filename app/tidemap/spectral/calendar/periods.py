@@ -6,11 +6,11 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from tidemap.spectral.history import UNOBSERVED, History
+from tidemap.history.history import UNOBSERVED, History
+from tidemap.history.timebase import TimeBase
+from tidemap.spectral.calendar.waves import WEEK_S
 from tidemap.spectral.prediction import predict_times
 from tidemap.spectral.spectrum import Spectrum
-from tidemap.spectral.timebase import TimeBase
-from tidemap.spectral.waves import WEEK_S
 
 CYCLES: Final = 5
 """A period has to be seen this often."""
@@ -54,7 +54,7 @@ def _power(history: History, spectrum: Spectrum, base: TimeBase) -> NDArray[np.f
         p = predict_times(spectrum, time, [cell])[0]
         residual = np.where(state == UNOBSERVED, 0, state - np.nan_to_num(p))
         transform = scipy.fft.rfft(residual, FINER * _length(history))
-        total = total + np.abs(transform) ** 2 / max(1e-9, float(residual @ residual))
+        total = total + np.abs(transform) ** 2 / max(1e-9, float((residual * residual).sum()))
     return np.asarray(total, np.float64) / history.n_cells
 
 

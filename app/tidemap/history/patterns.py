@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.spectral.bits import Plane
-from tidemap.spectral.jit import kernel
+from tidemap.history.bits import Plane
+from tidemap.history.jit import kernel
 
 
 def distinct(plane: Plane) -> tuple[Plane, NDArray[np.int64]]:
@@ -34,13 +34,13 @@ def transpose(plane: Plane) -> Plane:
     return turned
 
 
-def spread(observed: Plane, occupied: Plane) -> Plane:
+def fill_unobserved(observed: Plane, occupied: Plane) -> Plane:
     """occupied, with the samples that were not observed in the state before them; the first ones in that after them.
 
     What was never observed is free.
     """
     out = np.empty(observed.shape, np.uint8)
-    _spread(observed, occupied, out)
+    _fill_unobserved(observed, occupied, out)
     return out
 
 
@@ -69,7 +69,7 @@ def _turned(word: Any) -> Any:
 
 
 @kernel
-def _spread(observed: Plane, occupied: Plane, out: Plane) -> None:
+def _fill_unobserved(observed: Plane, occupied: Plane, out: Plane) -> None:
     for cell in range(observed.shape[0]):
         state = _first_state(observed, occupied, cell)
         for byte in range(observed.shape[1]):

@@ -7,16 +7,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.spectral import folding, trials
-from tidemap.spectral.blending import FEW_CELLS, MARGINS, Blend, blend, grid, trust
+from tidemap.history.history import History
+from tidemap.history.timebase import TimeBase
+from tidemap.spectral.auto import trials
+from tidemap.spectral.auto.blending import FEW_CELLS, MARGINS, Blend, blend, grid, trust
+from tidemap.spectral.auto.trials import MAX_TRIALS, Task
+from tidemap.spectral.calendar import folding
 from tidemap.spectral.estimators import fit
 from tidemap.spectral.evaluation import Scores
-from tidemap.spectral.history import History
 from tidemap.spectral.prediction import predict_times
 from tidemap.spectral.recipe import PRIORS, Prior, Recipe
 from tidemap.spectral.spectrum import truncate
-from tidemap.spectral.timebase import TimeBase
-from tidemap.spectral.trials import MOST_TRIALS, Task
 from tidemap.spectral.window import DAY_S, fit_window
 
 MIN_DAYS = 2
@@ -43,7 +44,7 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True)
-class Selection:
+class Choice:
     """The choice, the table it was made from (empty where there was too little to try), the cells tried."""
 
     estimator: str
@@ -54,13 +55,15 @@ class Selection:
     time_zone: str = "UTC"
     priors: tuple[Prior, ...] = PRIORS
     period_s: float | None = None
-    follow: float = 0.0
-    doubt: float = 0.0
+    carry_over: float = 0.0
+    level_sd: float = 0.0
 
     @property
     def recipe(self) -> Recipe:
         """What to fit all cells by."""
-        return Recipe(self.estimator, self.order, self.time_zone, self.priors, self.period_s, self.follow, self.doubt)
+        return Recipe(
+            self.estimator, self.order, self.time_zone, self.priors, self.period_s, self.carry_over, self.level_sd
+        )
 
 
 def choose(
@@ -71,7 +74,7 @@ def choose(
     time_zone: str | None = None,
     estimator: str = "auto",
     check: Callable[[], None] = lambda: None,
-) -> Selection:
+) -> Choice:
     """The candidate with the least log loss on days it was not fitted to.
 
     Histories under two weeks are tried by leaving out days, longer ones by predicting the later half
@@ -90,7 +93,7 @@ def choose(
     changing = _changing(recent, max_cells, time_zone, base)
     if not changing.size:
         return _without(estimator, orders, time_zone, "no cell has changed")
-    most = MOST_TRIALS if changing.size <= FEW_CELLS else MOST_TRIALS // 2
+    most = MAX_TRIALS if changing.size <= FEW_CELLS else MAX_TRIALS // 2
     task = replace(trials.task(recent.cells(changing), base, time_zone or "UTC", most), check=check)
     mixed = blend(task) if time_zone is not None and estimator in ("auto", "calendar") else None
     table = tuple(_table(task, sorted(set(orders)), mixed, estimator))
@@ -104,12 +107,12 @@ def _without(
     reason: str,
     table: tuple[Row, ...] = (),
     cells: int = 0,
-) -> Selection:
+) -> Choice:
     """The mean, or what was asked for at its least order, as nothing could be tried."""
     if estimator in ("auto", "static"):
-        return Selection("static", 0, table, reason, cells, time_zone or "UTC")
+        return Choice("static", 0, table, reason, cells, time_zone or "UTC")
     order = orders[0] if len(orders) == 1 or estimator == "fft" else CALENDAR_ORDERS[0]
-    return Selection(estimator, order, table, reason, cells, time_zone or "UTC")
+    return Choice(estimator, order, table, reason, cells, time_zone or "UTC")
 
 
 def _changing(history: History, most: int, time_zone: str | None, base: TimeBase) -> NDArray[np.int64]:
@@ -119,7 +122,7 @@ def _changing(history: History, most: int, time_zone: str | None, base: TimeBase
     most = min(most, MAX_SAMPLES // history.n_samples)
     if time_zone is not None:
         days = math.ceil(history.n_samples * base.interval_s / DAY_S)
-        fits = len(grid(base.interval_s, changing.size, days)[0]) * MOST_TRIALS
+        fits = len(grid(base.interval_s, changing.size, days)[0]) * MAX_TRIALS
         most = min(most, 2 * MAX_FITS // fits)
     most = max(most, min(FEW_CELLS + 1, changing.size))
     return changing if changing.size <= most else changing[np.arange(most) * changing.size // most]
@@ -164,7 +167,7 @@ def _decide(
     time_zone: str | None,
     estimator: str,
     orders: Sequence[int],
-) -> Selection:
+) -> Choice:
     scored = [row for row in table if row.n]
     n_cells = task.history.n_cells
     if not scored:
@@ -175,7 +178,7 @@ def _decide(
         worst = MARGINS[n_cells > FEW_CELLS] * best.log_loss
         close = [row for row in scored if row.estimator == "calendar" and row.log_loss <= worst]
         best = min(close, key=lambda row: row.order)
-    found = Selection(best.estimator, best.order, table, _reason(best, len(table), task), n_cells, time_zone or "UTC")
+    found = Choice(best.estimator, best.order, table, _reason(best, len(table), task), n_cells, time_zone or "UTC")
     if mixed is None or best.estimator != "calendar":
         return found
     reason = found.reason + _settings(mixed)
@@ -184,8 +187,8 @@ def _decide(
         reason=reason,
         priors=mixed.priors,
         period_s=mixed.period_s,
-        follow=mixed.follow,
-        doubt=mixed.doubt,
+        carry_over=mixed.carry_over,
+        level_sd=mixed.level_sd,
     )
 
 
@@ -208,6 +211,6 @@ def _settings(mixed: Blend) -> str:
     period = "" if mixed.period_s is None else f", with a period of {mixed.period_s / 3600:.3g} hours"
     return (
         f"; it averages {len(mixed.priors)} of {mixed.tried} settings, the first by {first.week}, "
-        f"{first.detail}, evidence {first.evidence:g}, {life}{period}; {mixed.follow:.0%} of the last day's "
+        f"{first.detail}, evidence {first.evidence:g}, {life}{period}; {mixed.carry_over:.0%} of the last day's "
         "departure is kept"
     )

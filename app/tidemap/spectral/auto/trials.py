@@ -7,17 +7,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.spectral import folding
+from tidemap.history.history import History
+from tidemap.history.timebase import TimeBase
+from tidemap.spectral.calendar import folding
+from tidemap.spectral.calendar.folding import Visits, Weeks
+from tidemap.spectral.calendar.waves import SLOTS, SLOTS_A_DAY
 from tidemap.spectral.evaluation import LOG_LOSS_FLOOR, Scores
-from tidemap.spectral.folding import Visits, Weeks
-from tidemap.spectral.history import History
-from tidemap.spectral.timebase import TimeBase
-from tidemap.spectral.waves import SLOTS, SLOTS_A_DAY
 
 SHORT_DAYS = 14
 """Shorter histories are tried by leaving out every single day; of longer ones the later half is predicted."""
-MOST_TRIALS = 8
-LONGEST_DAYS = 7
+MAX_TRIALS = 8
+MAX_TRIAL_DAYS = 7
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class Trial:
         return (day < self.first) | (self.around & (day >= self.last))
 
 
-def plan(n_days: int, most: int = MOST_TRIALS) -> list[Trial]:
+def plan(n_days: int, most: int = MAX_TRIALS) -> list[Trial]:
     """The trials of a history that touches `n_days` civil days.
 
     >>> [(trial.first, trial.last) for trial in plan(28, 4)]
@@ -43,7 +43,7 @@ def plan(n_days: int, most: int = MOST_TRIALS) -> list[Trial]:
     if n_days < SHORT_DAYS:
         days = np.unique(np.linspace(0, n_days - 1, min(most, n_days)).astype(int)) if n_days > most else range(n_days)
         return [Trial(int(day), int(day) + 1, True) for day in days]
-    span = min(LONGEST_DAYS, n_days // 8)
+    span = min(MAX_TRIAL_DAYS, n_days // 8)
     count = min(most, n_days // (2 * span))
     return [Trial(n_days - span * (i + 1), n_days - span * i, False) for i in reversed(range(count))]
 
@@ -95,36 +95,38 @@ class Task:
 
 def task(history: History, base: TimeBase, time_zone: str, most: int) -> Task:
     """The trials of all cells of a history."""
-    seen = folding.visits(history.start, history.stop, base, time_zone)
-    trials = plan(seen.n_days, most)
-    return Task(history, base, seen, time_zone, trials, _truth(history, seen, trials))
+    visits = folding.visits(history.start, history.stop, base, time_zone)
+    trials = plan(visits.n_days, most)
+    return Task(history, base, visits, time_zone, trials, _truth(history, visits, trials))
 
 
-def _truth(history: History, seen: Visits, trials: Sequence[Trial]) -> Weeks:
-    tested = np.zeros((len(trials), seen.n_days), np.float32)
+def _truth(history: History, visits: Visits, trials: Sequence[Trial]) -> Weeks:
+    tested = np.zeros((len(trials), visits.n_days), np.float32)
     for trial, row in zip(trials, tested, strict=True):
         row[trial.first : trial.last] = 1
-    return folding.fold(history, np.arange(history.n_cells), seen, tested)
+    return folding.fold(history, np.arange(history.n_cells), visits, tested)
 
 
 def losses(probability: NDArray[Any], truth: Weeks) -> NDArray[np.float64]:
-    """The log loss of every row, summed over its slots: (…,) for probability, seen, full (…, 672)."""
+    """The log loss of every row, summed over its slots: (…,) for probability, n_observed, n_occupied (…, 672)."""
     p = np.clip(probability, LOG_LOSS_FLOOR, 1 - LOG_LOSS_FLOOR)
-    free = truth.seen - truth.full
-    return np.asarray(-(truth.full * np.log(p) + free * np.log1p(-p)).sum(axis=-1), np.float64)
+    free = truth.n_observed - truth.n_occupied
+    return np.asarray(-(truth.n_occupied * np.log(p) + free * np.log1p(-p)).sum(axis=-1), np.float64)
 
 
 def scores(probability: NDArray[np.float32], truth: Weeks) -> Scores:
     """As `evaluation.score`, a visit to a slot counting as one measurement; NaN probabilities are left out."""
     known = ~np.isnan(probability)
     p = np.where(known, probability, np.float32(0.5)).astype(np.float64)
-    seen, full = truth.seen * known, truth.full * known
-    n = float(seen.sum())
+    n_observed, n_occupied = truth.n_observed * known, truth.n_occupied * known
+    n = float(n_observed.sum())
     if not n:
         return Scores(float("nan"), float("nan"), float("nan"), 0)
-    wrong = np.where(p > 0.5, seen - full, full).sum()
-    brier = (seen * p * p - 2 * full * p + full).sum()
-    return Scores(float(wrong / n), float(brier / n), float(losses(p, Weeks(seen, full)).sum() / n), round(n))
+    wrong = np.where(p > 0.5, n_observed - n_occupied, n_occupied).sum()
+    brier = (n_observed * p * p - 2 * n_occupied * p + n_occupied).sum()
+    return Scores(
+        float(wrong / n), float(brier / n), float(losses(p, Weeks(n_observed, n_occupied)).sum() / n), round(n)
+    )
 
 
 def empty(task: Task) -> NDArray[np.float32]:

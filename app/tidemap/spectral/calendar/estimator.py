@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.spectral import folding, level, waves
-from tidemap.spectral.ascent import evaluate, fit_rows
-from tidemap.spectral.folding import Visits
-from tidemap.spectral.history import History
+from tidemap.history.history import History
+from tidemap.history.timebase import TimeBase
+from tidemap.spectral.calendar import folding, level, waves
+from tidemap.spectral.calendar.folding import Visits
+from tidemap.spectral.calendar.logistic import evaluate, fit_rows
 from tidemap.spectral.recipe import Prior, Recipe
 from tidemap.spectral.spectrum import Spectrum, compact, static
-from tidemap.spectral.timebase import TimeBase
 
 BLOCK = 64
 FEW_PRIORS = 4
@@ -35,17 +35,17 @@ def fit_calendar(history: History, recipe: Recipe, base: TimeBase) -> Spectrum:
     varying = np.flatnonzero((n_occupied > 0) & (n_occupied < n_observed))
     if not varying.size:
         return plain
-    seen = folding.visits(history.start, history.stop, base, recipe.time_zone).phased(recipe.period_s)
+    visits = folding.visits(history.start, history.stop, base, recipe.time_zone).phased(recipe.period_s)
     frequency_hz, gate = waves.table(recipe.period_s)
     order = min(recipe.order, frequency_hz.size)
     index = np.zeros((varying.size, order), np.uint16)
     coefficient = np.zeros((varying.size, order), np.complex64)
     for first in range(0, varying.size, BLOCK):
         rows = varying[first : first + BLOCK]
-        beta = fit_cells(history, rows, seen, recipe, base)
+        beta = fit_cells(history, rows, visits, recipe, base)
         mean[rows] = beta[:, 0]
         part = slice(first, first + rows.size)
-        index[part], coefficient[part] = greatest(beta, order)
+        index[part], coefficient[part] = top_k(beta, order)
     if not order:
         return plain
     return compact(
@@ -61,22 +61,22 @@ def fit_calendar(history: History, recipe: Recipe, base: TimeBase) -> Spectrum:
 
 
 def fit_cells(
-    history: History, rows: NDArray[np.int64], seen: Visits, recipe: Recipe, base: TimeBase
+    history: History, rows: NDArray[np.int64], visits: Visits, recipe: Recipe, base: TimeBase
 ) -> NDArray[np.float32]:
     """Coefficients (n_rows, 1 + 2 N_WAVES) of some cells: of each at most `order` waves are not 0."""
-    latest = {level.HALF_LIFE_DAYS} if recipe.follow else set()
+    latest = {level.HALF_LIFE_DAYS} if recipe.carry_over else set()
     lives = sorted(latest | {prior.half_life_days for prior in recipe.priors})
-    weight = np.stack([folding.recency(seen.n_days, life) for life in lives])
-    weeks = folding.fold(history, rows, seen, weight)
-    by_life = {life: (weeks.seen[i], weeks.full[i]) for i, life in enumerate(lives)}
-    design = waves.design(folding.slot_offset_s(base), seen.phase is not None)
+    weight = np.stack([folding.recency(visits.n_days, life) for life in lives])
+    weeks = folding.fold(history, rows, visits, weight)
+    by_life = {life: (weeks.n_observed[i], weeks.n_occupied[i]) for i, life in enumerate(lives)}
+    design = waves.design(folding.slot_offset_s(base), visits.phase is not None)
     beta = blend_fits(design, by_life, recipe.priors, None)
     if recipe.order < waves.N_WAVES:
         kept = kept_columns(beta, recipe.order)
         beta = blend_fits(design, by_life, recipe.priors, kept) if recipe.order < REFIT_BELOW else beta * kept
-    if recipe.follow:
-        beta[:, 0] += recipe.follow * level.departures(evaluate(design, beta), *by_life[level.HALF_LIFE_DAYS])
-    return beta * level.caution(recipe.doubt, folding.days_seen(history, rows, seen))[:, np.newaxis]
+    if recipe.carry_over:
+        beta[:, 0] += recipe.carry_over * level.departures(evaluate(design, beta), *by_life[level.HALF_LIFE_DAYS])
+    return beta * level.caution(recipe.level_sd, folding.days_seen(history, rows, visits))[:, np.newaxis]
 
 
 def blend_fits(
@@ -92,11 +92,15 @@ def blend_fits(
     n_cells = next(iter(by_life.values()))[0].shape[0]
     total, whole, start = np.zeros((n_cells, design.shape[1]), np.float32), 0.0, None
     for alike in kinds(priors):
-        seen, full = (np.concatenate([by_life[priors[i].half_life_days][side] for i in alike]) for side in (0, 1))
+        n_observed, n_occupied = (
+            np.concatenate([by_life[priors[i].half_life_days][side] for i in alike]) for side in (0, 1)
+        )
         evidence = np.repeat([np.float32(priors[i].evidence) for i in alike], n_cells)
         penalty = waves.penalties(priors[alike[0]], design.shape[0] > waves.SLOTS)
         allowed, begin = (None if each is None else np.tile(each, (len(alike), 1)) for each in (kept, start))
-        found = fit_rows(design, seen, full, evidence, penalty, allowed, begin).reshape(len(alike), n_cells, -1)
+        found = fit_rows(design, n_observed, n_occupied, evidence, penalty, allowed, begin).reshape(
+            len(alike), n_cells, -1
+        )
         for i, beta in zip(alike, found, strict=True):
             total += np.float32(priors[i].weight) * beta
             whole += priors[i].weight
@@ -136,7 +140,7 @@ def kept_columns(beta: NDArray[np.float32], order: int) -> NDArray[np.float32]:
     return np.concatenate((np.ones((beta.shape[0], 1), np.float32), chosen, chosen), axis=1)
 
 
-def greatest(beta: NDArray[np.float32], order: int) -> tuple[NDArray[np.int64], NDArray[np.complex64]]:
+def top_k(beta: NDArray[np.float32], order: int) -> tuple[NDArray[np.int64], NDArray[np.complex64]]:
     """Index and coefficient (n_cells, order) of the greatest waves, descending.
 
     A wave a cos φ + b sin φ is 2 Re c exp(iφ) with c = (a - ib) / 2.

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.spectral.history import UNOBSERVED, History
-from tidemap.spectral.jit import kernel
-from tidemap.spectral.measurements import Measurements
-from tidemap.spectral.timebase import TimeBase
+from tidemap.history.history import UNOBSERVED, History
+from tidemap.history.jit import kernel
+from tidemap.history.measurements import Measurements
+from tidemap.history.timebase import TimeBase
 
 SEGMENT_SAMPLES = 4096
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tidemap.spectral.history import FREE, NEVER, OCCUPIED, UNOBSERVED, History
-from tidemap.spectral.intervals import Intervals
+from tidemap.history.history import FREE, NEVER, OCCUPIED, UNOBSERVED, History
+from tidemap.history.intervals import Intervals
 
 STATES = np.array([[0, 1, 2, 2, 1, 0, 2, 2, 2, 1], [2] * 10, [1] * 10], np.uint8)
 

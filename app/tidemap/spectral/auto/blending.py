@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.spectral import folding, level, waves
-from tidemap.spectral.ascent import evaluate, fit_rows
-from tidemap.spectral.calendar import fit_calendar, kept_columns, kinds
-from tidemap.spectral.folding import Weeks
-from tidemap.spectral.periods import find_period
+from tidemap.spectral.auto.trials import SHORT_DAYS, Task, losses
+from tidemap.spectral.calendar import folding, level, waves
+from tidemap.spectral.calendar.estimator import fit_calendar, kept_columns, kinds
+from tidemap.spectral.calendar.folding import Weeks
+from tidemap.spectral.calendar.logistic import evaluate, fit_rows
+from tidemap.spectral.calendar.periods import find_period
 from tidemap.spectral.recipe import Detail, Prior, Recipe, Week
-from tidemap.spectral.trials import SHORT_DAYS, Task, losses
 
 TRUST = 0.04
 """What a nat of log loss counts where neighbouring visits are a quarter of an hour apart or less."""
@@ -30,7 +30,7 @@ MEMBERS = (60, 2)
 """Priors averaged at most: where few cells decide, all of some weight, and where many do and cost counts."""
 DEAR_EVIDENCE = 1.0
 """More evidence, sharp edges and weekdays that differ much take more steps to fit: for few cells only."""
-LEAST_WEIGHT = 0.002
+MIN_WEIGHT = 0.002
 PERIOD_BELIEF = 2.0
 """What a period has to be better by, as a logarithm, for it was found on the days it is tried on."""
 MARGINS = (1.0, 1.002)
@@ -61,9 +61,9 @@ SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Shares of the last day's departure that may be followed."""
 SHARE_SLOPE = -2.0
 """Belief in following all of it against none, beforehand: that days depend on each other has to show."""
-FOLLOWED = 8.0
+CARRY_OVER_TRUST = 8.0
 """How much more than `trust` a nat counts in that: one number is chosen, not a whole rhythm."""
-DOUBT = 0.4
+LEVEL_SD = 0.4
 """Standard deviation of the level of a week, on the logit scale."""
 
 
@@ -103,19 +103,19 @@ class Blend:
     design: NDArray[np.float32]
     truth: Weeks
     period_s: float | None = None
-    follow: float = 0.0
-    doubt: float = 0.0
+    carry_over: float = 0.0
+    level_sd: float = 0.0
 
     @property
     def loss(self) -> float:
         """The log loss of the average of all waves, summed over trials, cells and slots."""
-        return float(losses(_logistic(self.beta @ self.design.T), self.truth).sum())
+        return float(losses(_logistic(evaluate(self.design, self.beta)), self.truth).sum())
 
     def probability(self, order: int) -> NDArray[np.float32]:
         """What the average of this order predicted, shaped as the truth."""
         flat = self.beta.reshape(-1, self.beta.shape[-1])
         cut = flat * kept_columns(flat, order) if 1 + 2 * order < flat.shape[1] else flat
-        return _logistic(cut.reshape(self.beta.shape) @ self.design.T)
+        return _logistic(evaluate(self.design, cut.reshape(self.beta.shape)))
 
 
 def blend(task: Task) -> Blend:
@@ -123,7 +123,7 @@ def blend(task: Task) -> Blend:
     design = waves.design(folding.slot_offset_s(task.base))
     priors, belief = grid(task.base.interval_s, task.history.n_cells, task.visits.n_days)
     beta = _fits(task, priors, design)
-    loss = np.array([losses(_logistic(each @ design.T), task.truth).sum() for each in beta])
+    loss = np.array([losses(_logistic(evaluate(design, each)), task.truth).sum() for each in beta])
     chosen, weight = _weights(trust(task) * loss, belief, task.history.n_cells)
     members = tuple(replace(priors[i], weight=float(w)) for i, w in zip(chosen, weight, strict=True))
     average = np.einsum("p,ptcx->tcx", weight.astype(np.float32), beta[chosen])
@@ -144,23 +144,23 @@ def _with_period(task: Task, mixed: Blend) -> Blend:
 
 
 def _levelled(task: Task, mixed: Blend) -> Blend:
-    """The same with the share of the last day's departure that predicted well, and with doubt of every level."""
+    """The same with the share of the last day's departure that predicted well, and with `LEVEL_SD`."""
     beta, latest = mixed.beta.copy(), _past(task, [level.HALF_LIFE_DAYS])
-    rows = evaluate(mixed.design, beta.reshape(-1, beta.shape[-1]))
-    seen, full = (each.reshape(rows.shape) for each in (latest.seen, latest.full))
-    apart = level.departures(rows, seen, full).reshape(*beta.shape[:2], 1)
-    eta = rows.reshape(task.truth.seen.shape)
-    follow = _share([losses(_logistic(eta + share * apart), task.truth).sum() for share in SHARES], task)
-    beta[..., :1] += follow * apart
+    rows = evaluate(mixed.design, beta).reshape(-1, mixed.design.shape[0])
+    n_observed, n_occupied = (each.reshape(rows.shape) for each in (latest.n_observed, latest.n_occupied))
+    apart = level.departures(rows, n_observed, n_occupied).reshape(*beta.shape[:2], 1)
+    eta = rows.reshape(task.truth.n_observed.shape)
+    carry_over = _share([losses(_logistic(eta + share * apart), task.truth).sum() for share in SHARES], task)
+    beta[..., :1] += carry_over * apart
     days = np.array([[[trial.learned(task.visits.n_days).sum()]] for trial in task.trials])
-    return replace(mixed, beta=beta * level.caution(DOUBT, days), follow=follow, doubt=DOUBT)
+    return replace(mixed, beta=beta * level.caution(LEVEL_SD, days), carry_over=carry_over, level_sd=LEVEL_SD)
 
 
 def _share(loss: Sequence[float], task: Task) -> float:
     """The average share, weighed as settings are; days left out tell nothing of days to come."""
     told = np.zeros(len(SHARES)) if task.trials[0].around else np.array(loss)
-    weight = np.exp(SHARE_SLOPE * np.array(SHARES) - FOLLOWED * trust(task) * (told - told.min()))
-    return round(float(weight @ SHARES / weight.sum()), 2)
+    weight = np.exp(SHARE_SLOPE * np.array(SHARES) - CARRY_OVER_TRUST * trust(task) * (told - told.min()))
+    return round(float((weight * SHARES).sum() / weight.sum()), 2)
 
 
 def trust(task: Task) -> float:
@@ -178,7 +178,7 @@ def _weights(
     order = np.argsort(-log_weight, kind="stable")[:most]
     weight = np.exp(log_weight[order] - log_weight[order[0]])
     weight = np.round(weight / weight.sum(), 3)
-    kept = weight >= LEAST_WEIGHT
+    kept = weight >= MIN_WEIGHT
     return order[kept], weight[kept] / weight[kept].sum()
 
 
@@ -191,9 +191,12 @@ def _fits(task: Task, priors: Sequence[Prior], design: NDArray[np.float32]) -> N
     for alike in kinds(priors):
         task.check()
         life = [lives.index(priors[i].half_life_days) for i in alike]
-        seen, full = (each[life].reshape(-1, design.shape[0]) for each in (past.seen, past.full))
+        n_observed, n_occupied = (
+            each[life].reshape(-1, design.shape[0]) for each in (past.n_observed, past.n_occupied)
+        )
         evidence = np.repeat([np.float32(priors[i].evidence) for i in alike], shape[0] * shape[1])
-        found = fit_rows(design, seen, full, evidence, waves.penalties(priors[alike[0]], task.visits.phase is not None))
+        penalty = waves.penalties(priors[alike[0]], task.visits.phase is not None)
+        found = fit_rows(design, n_observed, n_occupied, evidence, penalty)
         beta[alike] = found.reshape(len(alike), *shape, -1)
     return beta
 
@@ -208,7 +211,7 @@ def _past(task: Task, lives: Sequence[float]) -> Weeks:
     ]
     weeks = folding.fold(task.history, task.cells, task.visits, np.array(weight, np.float32))
     shape = (len(lives), len(task.trials), task.history.n_cells, -1)
-    return Weeks(weeks.seen.reshape(shape), weeks.full.reshape(shape))
+    return Weeks(weeks.n_observed.reshape(shape), weeks.n_occupied.reshape(shape))
 
 
 def _logistic(eta: NDArray[Any]) -> NDArray[np.float32]:

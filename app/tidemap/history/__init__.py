@@ -1,0 +1,1 @@
+"""What was observed: packed bits, intervals, measurements, and their time base. Pure."""

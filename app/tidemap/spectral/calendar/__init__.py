@@ -1,0 +1,1 @@
+"""The `calendar` estimator: logistic regression on waves of the civil day and week."""
