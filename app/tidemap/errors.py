@@ -291,6 +291,10 @@ class CorruptChunkError(TidemapError):
         super().__init__(f"The stored {what} is corrupt: {why}. Restore it from a backup; the rest is readable.")
         self.what, self.why = what, why
 
+    def __reduce__(self) -> tuple[type, tuple[str, str]]:
+        """For pickle, which would give `__init__` the message alone."""
+        return type(self), (self.what, self.why)
+
 
 class SchemaVersionError(TidemapError):
     """The database has a schema this version does not know."""

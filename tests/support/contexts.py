@@ -43,8 +43,11 @@ class Clock:
 class Serial:
     """The simplest executor: one task after the other, here."""
 
-    def map(self, task: Any, items: Iterable[Any]) -> Iterable[Any]:
-        return map(task, items)
+    def __init__(self, ctx: Context) -> None:
+        self.ctx = ctx
+
+    def map(self, run: Any, items: Iterable[Any]) -> Iterable[Any]:
+        return (run(self.ctx, item) for item in items)
 
     def check(self) -> None:
         """It goes on."""
@@ -102,7 +105,7 @@ def post_states(ctx: Context, name: str, time: Any, state: Any, **post: Any) -> 
 
 def refit(ctx: Context, name: str = "lab", **request: Any) -> RevisionRecord:
     """An update, here and now."""
-    return run_update(ctx, find_location(ctx, name).id, UpdateRequest(**request), Serial(), lambda _: None)
+    return run_update(ctx, find_location(ctx, name).id, UpdateRequest(**request), Serial(ctx), lambda _: None)
 
 
 def compact_now(ctx: Context, name: str = "lab") -> None:

@@ -35,10 +35,10 @@ class Loaded:
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """The store, the bus, the caches, the known damage and locations of one process. `clock` gives Unix seconds.
+    """What one process works with. `clock` gives Unix seconds; `term` is the leader's term that its writes belong to.
 
-    Whoever compacts or forgets a history holds `compacting` meanwhile: it reads segments that it writes later.
-    Whoever unpacks what is to be held in `tails` holds `reading_on`.
+    To compact or forget a history, hold `compacting`: the segments that are read are written later.
+    To unpack what `tails` is to keep, hold `reading_on`.
     """
 
     settings: Settings
@@ -53,6 +53,7 @@ class Context:
     compacting: Lock
     reading_on: Lock
     clock: Callable[[], float]
+    term: int | None = None
 
 
 @contextmanager

@@ -34,7 +34,7 @@ class Term:
 
     def limit(self, ctx: Context) -> Context:
         """The same context, of which writes that come after the term's end are refused."""
-        return replace(ctx, store=ctx.store.guarded(self._confirm))
+        return replace(ctx, store=ctx.store.guarded(self._confirm), term=self.number)
 
     def _confirm(self, work: Work) -> None:
         try:

@@ -7,7 +7,8 @@ from dataclasses import asdict
 from tidemap.events.messages import Message
 from tidemap.services.context import Context
 from tidemap.services.jobs import claim_job, request_update, requeue_interrupted, run_job
-from tidemap.services.update import Executor, UpdateRequest
+from tidemap.services.update import UpdateRequest
+from tidemap.services.update_task import Executor
 from tidemap.storage.records import LocationRecord, RevisionRecord
 from tidemap.workers.duty import Duty, Term
 from tidemap.workers.executors import Limited, LocalExecutor
@@ -24,7 +25,7 @@ class Updater:
     def __init__(self, ctx: Context, duty: Duty) -> None:
         self._ctx = ctx
         self._duty = duty
-        self._executor = LocalExecutor(ctx.settings.update_threads)
+        self._executor = LocalExecutor(ctx, ctx.settings.update_threads)
         self._worker = Worker("updater", min(POLL_S, ctx.settings.updater_interval_s), self._round)
         self._settled: Term | None = None
         self._looked = -math.inf

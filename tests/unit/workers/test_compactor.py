@@ -211,14 +211,14 @@ def test_it_works_while_an_update_runs(lively: Context, monkeypatch: pytest.Monk
     from tidemap.services import update
 
     begun, go_on = Event(), Event()
-    fit = update._update_chunk
+    fit = update.run_task
 
     def slow(*arguments: Any) -> Any:
         begun.set()
         assert go_on.wait(WAIT_S)
         return fit(*arguments)
 
-    monkeypatch.setattr(update, "_update_chunk", slow)
+    monkeypatch.setattr(update, "run_task", slow)
     make_location(lively, "door", estimator="static")
     post_many(lively, 1)
     with working(lively) as compactor:
