@@ -271,7 +271,7 @@ class TooManyBodiesError(BusyError):
         )
 
 
-class OffDutyError(BusyError):
+class NotLeaderError(BusyError):
     """Another process does the background work now."""
 
     code = "off-duty"

@@ -22,10 +22,10 @@ from tidemap.spectral.history import History
 from tidemap.spectral.measurements import Measurements
 from tidemap.storage.records import RevisionRecord
 from tidemap.workers.compactor import Compactor
-from tidemap.workers.duty import Duty
+from tidemap.workers.election import LeaderElection
 from tidemap.workers.updater import Updater
 
-AtWork = TypeVar("AtWork", Duty, Updater, Compactor)
+AtWork = TypeVar("AtWork", LeaderElection, Updater, Compactor)
 NOW = 1_700_000_000.0
 """A Tuesday, 22:13:20 UTC."""
 
@@ -71,9 +71,9 @@ def at_work(worker: AtWork) -> Iterator[AtWork]:
         worker.stop()
 
 
-def on_duty(ctx: Context) -> AbstractContextManager[Duty]:
+def on_duty(ctx: Context) -> AbstractContextManager[LeaderElection]:
     """This process does the background work, unless another one does already."""
-    return at_work(Duty(ctx))
+    return at_work(LeaderElection(ctx))
 
 
 def make_location(ctx: Context, name: str = "lab", shape: Sequence[int] | None = None, **form: Any) -> Location:

@@ -8,16 +8,16 @@ from threading import Lock
 
 from tidemap.errors import CorruptChunkError
 from tidemap.events.bus import Bus
+from tidemap.services.buffer_pool import BufferPool
 from tidemap.services.caches import ByteCache
 from tidemap.services.damage import Damage
-from tidemap.services.lending import Lender
-from tidemap.services.places import Places
-from tidemap.services.sheets import MapSheet
+from tidemap.services.location_cache import LocationCache
+from tidemap.services.state_buffer import StateBuffer
 from tidemap.settings import Settings
 from tidemap.spectral.history import History
 from tidemap.spectral.spectrum import Spectrum
-from tidemap.storage.observations import Tail
 from tidemap.storage.records import RevisionRecord
+from tidemap.storage.repositories.observations import Tail
 from tidemap.storage.store import Store
 
 
@@ -47,9 +47,9 @@ class Context:
     spectra: ByteCache[Loaded]
     histories: ByteCache[History]
     tails: ByteCache[Tail]
-    sheets: Lender[MapSheet]
+    buffers: BufferPool[StateBuffer]
     damage: Damage
-    places: Places
+    places: LocationCache
     compacting: Lock
     reading_on: Lock
     clock: Callable[[], float]
@@ -68,9 +68,9 @@ def open_context(settings: Settings, clock: Callable[[], float] = time.time) -> 
             ByteCache(settings.spectrum_cache_bytes, lambda value: spectrum_bytes(value.spectrum)),
             ByteCache(settings.history_cache_bytes, lambda value: value.observed.nbytes + value.occupied.nbytes),
             ByteCache(settings.history_cache_bytes // 2, tail_bytes),
-            Lender(settings.answer_cache_bytes),
+            BufferPool(settings.answer_cache_bytes),
             Damage(),
-            Places(),
+            LocationCache(),
             Lock(),
             Lock(),
             clock,

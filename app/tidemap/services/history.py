@@ -14,8 +14,8 @@ from tidemap.services.context import Context
 from tidemap.spectral.history import NEVER, UNOBSERVED, History
 from tidemap.spectral.measurements import Measurements
 from tidemap.spectral.segment import SEGMENT_SAMPLES, Segment, merge
-from tidemap.storage.observations import Tail
 from tidemap.storage.records import CHUNK_CELLS, LocationRecord
+from tidemap.storage.repositories.observations import Tail
 from tidemap.storage.work import Work
 
 LEAST_BYTES = 5

@@ -7,8 +7,8 @@ from tidemap.errors import CorruptChunkError, IdempotencyConflictError, TidemapE
 from tidemap.events.messages import Message
 from tidemap.ingest.observation import Target, parse
 from tidemap.schemas.anomalies import Event
-from tidemap.services.anomalies import judge
 from tidemap.services.context import Context
+from tidemap.services.judge import judge
 from tidemap.services.keys import confirm
 from tidemap.services.listing import shortened
 from tidemap.services.locations import find_location
@@ -49,7 +49,7 @@ def begin_quick(ctx: Context, name: str, post: Post) -> Future[Observed]:
     The future has what `observe` returns or raises, or NotQuickError: then nothing was stored, and `begin` is for it.
     For posts that are quick as far as can be seen (`is_quick`).
     """
-    return ctx.store.submit_unmade(store_all, partial(_quick_entry, ctx, name, post), partial(_tell, ctx))
+    return ctx.store.submit_deferred(store_all, partial(_quick_entry, ctx, name, post), partial(_tell, ctx))
 
 
 def is_quick(ctx: Context, name: str, post: Post) -> bool:

@@ -53,12 +53,12 @@ class LocalExecutor:
         if self._closed:
             raise ShuttingDownError
 
-    def tell_to_end(self) -> None:
+    def request_stop(self) -> None:
         """Let running tasks end and start no more."""
         self._closed = True
         self._pool.shutdown(wait=False, cancel_futures=True)
 
     def close(self) -> None:
         """The same, and wait until they have ended."""
-        self.tell_to_end()
+        self.request_stop()
         self._pool.shutdown()

@@ -11,7 +11,7 @@ from tidemap.services.history import read_compacted
 from tidemap.services.locations import find_location
 from tidemap.spectral.history import UNOBSERVED
 from tidemap.spectral.measurements import Measurements
-from tidemap.storage import observations
+from tidemap.storage.repositories import observations
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ import pytest
 from sqlalchemy import create_engine, select
 
 from tests.support.contexts import Clock, Serial, make_location, opened, post_rows
-from tidemap.errors import CorruptChunkError, OffDutyError
+from tidemap.errors import CorruptChunkError, NotLeaderError
 from tidemap.services.context import Context
 from tidemap.services.locations import find_location
 from tidemap.services.update import UpdateRequest, run_update
@@ -78,7 +78,7 @@ def test_a_task_of_a_term_that_is_over_stores_nothing(ctx: Context) -> None:
     task = replace(updated(ctx).tasks[0], term=ctx.store.write(lambda work: work.terms.begin()))
     ctx.store.write(lambda work: work.spectra._connection.execute(spectrum.delete()))
     ctx.store.write(lambda work: work.terms.begin())
-    with pytest.raises(OffDutyError):
+    with pytest.raises(NotLeaderError):
         run_task(ctx, task)
     assert stored(ctx.settings.url) == []
 

@@ -87,6 +87,6 @@ def test_closing_lets_what_runs_end_and_says_so_for_the_rest(ctx: Context) -> No
 
 def test_who_checks_hears_that_nothing_more_is_to_be_started(executor: LocalExecutor) -> None:
     executor.check()
-    executor.tell_to_end()
+    executor.request_stop()
     with pytest.raises(ShuttingDownError):
         executor.check()
