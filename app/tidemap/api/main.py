@@ -1,8 +1,6 @@
 """The API as one ASGI application."""
 
-import os
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from http import HTTPStatus
 from typing import Any
 
@@ -73,8 +71,6 @@ def create_app(
     app.state.ctx = ctx
     app.state.alive = alive or {}
     app.state.budget = Budget(ctx.settings.max_parsing_bytes)
-    # Posts that are parsed and judged at once: more threads than processors would only take turns.
-    app.state.parsing = ThreadPoolExecutor(os.cpu_count() or 1, "tidemap-posts")
     app.state.limits = Limits.of(ctx.settings)
     app.state.senders = Senders()
     app.state.metrics = make_registry(ctx, on_duty)

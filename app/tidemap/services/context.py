@@ -1,7 +1,9 @@
 """Context: what every use case works on."""
 
+import os
 import time
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from threading import Lock
@@ -33,7 +35,7 @@ class Loaded:
     damage: Mapping[int, CorruptChunkError]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Context:
     """What one process works with. `clock` gives Unix seconds; `term` is the leader's term that its writes belong to.
 
@@ -52,6 +54,7 @@ class Context:
     places: LocationCache
     compacting: Lock
     reading_on: Lock
+    parsing: ThreadPoolExecutor
     clock: Callable[[], float]
     term: int | None = None
 
@@ -60,22 +63,28 @@ class Context:
 def open_context(settings: Settings, clock: Callable[[], float] = time.time) -> Iterator[Context]:
     """A context on a migrated database; closes it, finishing the writes that were taken."""
     store = Store(settings.url, settings.commit_queue, settings.commit_batch)
+    # Posts that are parsed and judged at once: more threads than processors would only take turns.
+    parsing = ThreadPoolExecutor(os.cpu_count() or 1, "tidemap-posts")
     try:
         yield Context(
-            settings,
-            store,
-            Bus(),
-            ByteCache(settings.spectrum_cache_bytes, lambda value: spectrum_bytes(value.spectrum)),
-            ByteCache(settings.history_cache_bytes, lambda value: value.observed.nbytes + value.occupied.nbytes),
-            ByteCache(settings.history_cache_bytes // 2, tail_bytes),
-            BufferPool(settings.answer_cache_bytes),
-            Damage(),
-            LocationCache(),
-            Lock(),
-            Lock(),
-            clock,
+            settings=settings,
+            store=store,
+            bus=Bus(),
+            spectra=ByteCache(settings.spectrum_cache_bytes, lambda value: spectrum_bytes(value.spectrum)),
+            histories=ByteCache(
+                settings.history_cache_bytes, lambda value: value.observed.nbytes + value.occupied.nbytes
+            ),
+            tails=ByteCache(settings.history_cache_bytes // 2, tail_bytes),
+            buffers=BufferPool(settings.answer_cache_bytes),
+            damage=Damage(),
+            places=LocationCache(),
+            compacting=Lock(),
+            reading_on=Lock(),
+            parsing=parsing,
+            clock=clock,
         )
     finally:
+        parsing.shutdown()
         store.close()
 
 
