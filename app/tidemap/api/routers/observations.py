@@ -7,6 +7,7 @@ from fastapi import APIRouter, Header, Query, Request, Response
 from tidemap.api.auth import confirming
 from tidemap.api.dependencies import Robot, posted_body
 from tidemap.api.parameters import StrictRoute
+from tidemap.api.state import state_of
 from tidemap.ingest.observation import ARROW, JSON, NPY
 from tidemap.schemas.common import Text
 from tidemap.schemas.observations import Accepted, GridObservations, StateObservations
@@ -82,10 +83,10 @@ async def post(
 
     The same Idempotency-Key with the same body again is answered 200 with `duplicate` true; nothing is stored twice.
     """
-    with request.app.state.budget.share() as share:
+    with state_of(request).budget.share() as share:
         body = await posted_body(request, time, share)
         sent = Post(body, source or _name(robot.principal), idempotency_key, robot.claim)
-        result = await confirming(request, robot, submit(request.app.state.ctx, name, sent))
+        result = await confirming(request, robot, submit(state_of(request).ctx, name, sent))
     return Response(_answer(result).model_dump_json(), 200 if result.duplicate else 201, media_type=JSON)
 
 
