@@ -203,12 +203,12 @@ def _serve(arguments: argparse.Namespace) -> int:
     from tidemap.services.context import open_context
     from tidemap.services.keys import list_keys
     from tidemap.storage.store import prepare_database
-    from tidemap_web.memory import give_back_freed
+    from tidemap_web.memory import tune_malloc
     from tidemap_web.serve import Options, serve
 
     settings = _settings(arguments)
     # Before there are threads: each would have a heap of its own.
-    give_back_freed()
+    tune_malloc()
     prepare_database(settings.url)
     with open_context(settings) as ctx:
         if not settings.keyless and not list_keys(ctx):

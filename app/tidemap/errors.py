@@ -271,7 +271,7 @@ class TooManyBodiesError(BusyError):
         )
 
 
-class OffDutyError(BusyError):
+class NotLeaderError(BusyError):
     """Another process does the background work now."""
 
     code = "off-duty"
@@ -290,6 +290,10 @@ class CorruptChunkError(TidemapError):
     def __init__(self, what: str, why: str) -> None:
         super().__init__(f"The stored {what} is corrupt: {why}. Restore it from a backup; the rest is readable.")
         self.what, self.why = what, why
+
+    def __reduce__(self) -> tuple[type, tuple[str, str]]:
+        """For pickle, which would give `__init__` the message alone."""
+        return type(self), (self.what, self.why)
 
 
 class SchemaVersionError(TidemapError):

@@ -47,7 +47,7 @@ def prepare(ctx: Context) -> None:
     until = ctx.clock() - 2 * INTERVAL_S
     for i in range(LEARNED_LOOKS):
         observe(ctx, NAME, Post(Body(seen(until - 7200.0 * (LEARNED_LOOKS - i)), ARROW)))
-    executor = LocalExecutor(2)
+    executor = LocalExecutor(ctx, 2)
     run_update(ctx, find_location(ctx, NAME).id, UpdateRequest(), executor, lambda _: None)
     executor.close()
 

@@ -17,7 +17,7 @@ from tidemap.services.observe import observe
 from tidemap.services.posts import Post
 from tidemap.storage.blobs import pack_segment
 from tidemap.storage.records import CHUNK_CELLS
-from tidemap.storage.segments import SegmentKey
+from tidemap.storage.repositories.segments import SegmentKey
 
 NAME, SHAPE, INTERVAL_S, N_SAMPLES = "hall", (200, 200, 25), 300.0, 2016
 NOISE, EVERY = 0.02, 10

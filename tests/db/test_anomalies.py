@@ -12,8 +12,8 @@ import pytest
 from tests.db.test_locations import VALUES
 from tests.support.waiting import WAIT_S
 from tidemap.errors import AnomalyNotFoundError
-from tidemap.storage.anomalies import EventFilter
 from tidemap.storage.records import AnomalyRecord, LocationRecord
+from tidemap.storage.repositories.anomalies import EventFilter
 from tidemap.storage.store import Store
 from tidemap.storage.work import Work
 

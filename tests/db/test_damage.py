@@ -10,8 +10,9 @@ from tests.support.contexts import compact_now, history_of, make_location, post_
 from tidemap.errors import CorruptChunkError
 from tidemap.schemas.locations import LocationPatch
 from tidemap.schemas.maps import EvaluateForm
-from tidemap.services.anomalies import DetectQuery, EventQuery, acknowledge, detect, list_events
+from tidemap.services.anomalies import EventQuery, acknowledge, list_events
 from tidemap.services.context import Context
+from tidemap.services.detect import DetectQuery, detect
 from tidemap.services.evaluate import evaluate
 from tidemap.services.locations import change_location, delete_location, find_location
 from tidemap.services.model import model_of

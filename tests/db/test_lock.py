@@ -13,7 +13,7 @@ from tests.support.databases import PostgresDatabases, migrate_to_head
 from tests.support.paths import ROOT
 from tests.support.postgres import Postgres
 from tests.support.waiting import until
-from tidemap.errors import OffDutyError
+from tidemap.errors import NotLeaderError
 from tidemap.storage.engine import open_writer
 from tidemap.storage.lock import FileLock, Lock, open_lock
 from tidemap.storage.store import Store
@@ -73,7 +73,7 @@ def test_its_term_is_the_current_one(locks: tuple[Lock, Lock], store: Store) -> 
     store.write(lambda work: work.terms.confirm(number))
     locks[0].release()
     taken(locks[1])
-    with pytest.raises(OffDutyError):
+    with pytest.raises(NotLeaderError):
         store.write(lambda work: work.terms.confirm(number))
 
 

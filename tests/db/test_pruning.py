@@ -129,13 +129,13 @@ def test_a_location_renamed_before_and_during_its_update_gets_it(ctx: Context) -
     change_location(ctx, "lab", LocationPatch(name="attic"))
 
     class Renaming(Serial):
-        def map(self, task: object, items: object) -> object:
+        def map(self, run: object, items: object) -> object:
             for item in items:  # type: ignore[attr-defined]
                 name = find_by_id(ctx, claimed.location_id)
-                change_location(ctx, name, LocationPatch(name=f"room-{item}"))
-                yield task(item)  # type: ignore[operator]
+                change_location(ctx, name, LocationPatch(name=f"room-{item.chunk}"))
+                yield run(self.ctx, item)  # type: ignore[operator]
 
-    run_job(ctx, claimed, Renaming())
+    run_job(ctx, claimed, Renaming(ctx))
     (done,) = list_jobs(ctx, None, 9)
     assert (done.id, done.state, done.location) == (job.id, "done", "room-3")
     assert find_location(ctx, "room-3").revision == 1

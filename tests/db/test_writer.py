@@ -484,7 +484,7 @@ def test_items_are_made_in_the_writers_thread_before_their_group_and_once(writer
         return stored
 
     with held(writer):
-        futures = [writer.submit_unmade(make_all, partial(make, name)) for name in ("a", "odd", "gone", "bad", "b")]
+        futures = [writer.submit_deferred(make_all, partial(make, name)) for name in ("a", "odd", "gone", "bad", "b")]
         assert futures[2].cancel()
     assert [type(future.exception(WAIT_S)) for future in futures if not future.cancelled()] == [
         type(None),

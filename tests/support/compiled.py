@@ -9,7 +9,7 @@ from numba.core.dispatcher import Dispatcher
 
 from tests.bench import lab
 from tests.support.contexts import ARROW, Body, Clock, compact_now, make_location, opened, post_states, refit
-from tidemap.services.anomalies import DetectQuery, detect
+from tidemap.services.detect import DetectQuery, detect
 from tidemap.services.observe import observe
 from tidemap.services.posts import Post
 from tidemap.services.warm import warm

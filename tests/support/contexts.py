@@ -22,10 +22,10 @@ from tidemap.services.update import UpdateRequest, run_update
 from tidemap.settings import Settings
 from tidemap.storage.records import RevisionRecord
 from tidemap.workers.compactor import Compactor
-from tidemap.workers.duty import Duty
+from tidemap.workers.election import LeaderElection
 from tidemap.workers.updater import Updater
 
-AtWork = TypeVar("AtWork", Duty, Updater, Compactor)
+AtWork = TypeVar("AtWork", LeaderElection, Updater, Compactor)
 NOW = 1_700_000_000.0
 """A Tuesday, 22:13:20 UTC."""
 
@@ -43,8 +43,11 @@ class Clock:
 class Serial:
     """The simplest executor: one task after the other, here."""
 
-    def map(self, task: Any, items: Iterable[Any]) -> Iterable[Any]:
-        return map(task, items)
+    def __init__(self, ctx: Context) -> None:
+        self.ctx = ctx
+
+    def map(self, run: Any, items: Iterable[Any]) -> Iterable[Any]:
+        return (run(self.ctx, item) for item in items)
 
     def check(self) -> None:
         """It goes on."""
@@ -68,9 +71,9 @@ def at_work(worker: AtWork) -> Iterator[AtWork]:
         worker.stop()
 
 
-def on_duty(ctx: Context) -> AbstractContextManager[Duty]:
+def on_duty(ctx: Context) -> AbstractContextManager[LeaderElection]:
     """This process does the background work, unless another one does already."""
-    return at_work(Duty(ctx))
+    return at_work(LeaderElection(ctx))
 
 
 def make_location(ctx: Context, name: str = "lab", shape: Sequence[int] | None = None, **form: Any) -> Location:
@@ -102,7 +105,7 @@ def post_states(ctx: Context, name: str, time: Any, state: Any, **post: Any) -> 
 
 def refit(ctx: Context, name: str = "lab", **request: Any) -> RevisionRecord:
     """An update, here and now."""
-    return run_update(ctx, find_location(ctx, name).id, UpdateRequest(**request), Serial(), lambda _: None)
+    return run_update(ctx, find_location(ctx, name).id, UpdateRequest(**request), Serial(ctx), lambda _: None)
 
 
 def compact_now(ctx: Context, name: str = "lab") -> None:

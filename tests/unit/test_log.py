@@ -11,7 +11,7 @@ from tidemap.log import configure
 configure(sys.argv[1])
 logging.getLogger("httpx").info("asked")
 logging.getLogger("sqlalchemy.pool.impl.QueuePool").error("Error closing cursor")
-logging.getLogger("tidemap.storage.trouble").error("the database cannot be read")
+logging.getLogger("tidemap.storage.outage").error("the database cannot be read")
 """
 
 
@@ -19,4 +19,4 @@ logging.getLogger("tidemap.storage.trouble").error("the database cannot be read"
 def test_what_breaks_is_said_once(level: str, lines: int) -> None:
     spoken = subprocess.run([sys.executable, "-c", SPEAK, level], capture_output=True, text=True, check=True)
     assert len(spoken.stderr.splitlines()) == lines
-    assert "ERROR   tidemap.storage.trouble: the database cannot be read" in spoken.stderr
+    assert "ERROR   tidemap.storage.outage: the database cannot be read" in spoken.stderr

@@ -19,7 +19,7 @@ EVERY_S = 10.0
 _M_MMAP_THRESHOLD, _M_ARENA_MAX = -3, -8
 
 
-def give_back_freed() -> None:
+def tune_malloc() -> None:
     """Keep little of what is freed, for the whole process and from now on. Elsewhere than with glibc nothing changes.
 
     Under sixteen robots the server held 1.4 GB and grew without this, and half a gigabyte with it.
@@ -32,7 +32,7 @@ def give_back_freed() -> None:
 
 
 @contextmanager
-def giving_back(every_s: float = EVERY_S) -> Iterator[None]:
+def periodic_trim(every_s: float = EVERY_S) -> Iterator[None]:
     """Meanwhile whole pages that were freed in the midst of the heaps are given back now and then.
 
     A heap only shrinks from its end, where something small always lies: without this the process holds for ever the

@@ -23,7 +23,7 @@ from tidemap.server.protocol import BoundedHttpProtocol, BoundedWebSocketProtoco
 from tidemap.services.context import Context
 from tidemap.services.keys import create_key, delete_key, is_open
 from tidemap.services.warm import warm
-from tidemap_web.memory import giving_back
+from tidemap_web.memory import periodic_trim
 from tidemap_web.site import open_site
 
 log = logging.getLogger(__name__)
@@ -61,7 +61,7 @@ def serve(ctx: Context, options: Options) -> int:
     sys.setswitchinterval(SWITCH_S)
     warm()
     with ExitStack() as stack:
-        stack.enter_context(giving_back())
+        stack.enter_context(periodic_trim())
         site = stack.enter_context(open_site(ctx))
         census = Census(settings.max_connections, settings.max_connections_per_address)
         config = configure(site, settings.host, settings.port, census)

@@ -12,7 +12,7 @@ from starlette.staticfiles import StaticFiles
 from tidemap.api.main import BASE, create_app
 from tidemap.services.context import Context
 from tidemap.workers.compactor import Compactor
-from tidemap.workers.duty import Duty
+from tidemap.workers.election import LeaderElection
 from tidemap.workers.updater import Updater
 from tidemap_web.pages import routes
 from tidemap_web.viewer import proxy
@@ -25,17 +25,20 @@ STATIC = Path(__file__).parent / "pages" / "static"
 def open_site(ctx: Context) -> Iterator[FastAPI]:
     """The application, its workers and viewer running."""
     with ExitStack() as stack:
-        duty = Duty(ctx)
-        workers: dict[str, Updater | Compactor] = {"updater": Updater(ctx, duty), "compactor": Compactor(ctx, duty)}
-        duty.start()
+        election = LeaderElection(ctx)
+        workers: dict[str, Updater | Compactor] = {
+            "updater": Updater(ctx, election),
+            "compactor": Compactor(ctx, election),
+        }
+        election.start()
         # Left after they have ended, for then others begin.
-        stack.callback(duty.stop)
+        stack.callback(election.stop)
         for worker in workers.values():
             worker.start()
             stack.callback(worker.stop)
         stack.callback(_tell_to_end, workers.values())
-        alive = {name: worker.alive for name, worker in (workers | {"watch": duty}).items()}
-        site = create_app(ctx, alive, lambda: duty.term is not None)
+        alive = {name: worker.alive for name, worker in (workers | {"watch": election}).items()}
+        site = create_app(ctx, alive, lambda: election.term is not None)
         site.mount("/static", StaticFiles(directory=STATIC), name="static")
         if ctx.settings.viewer:
             viewer = ViewerServer(ctx)
@@ -50,7 +53,7 @@ def open_site(ctx: Context) -> Iterator[FastAPI]:
 def _tell_to_end(workers: Iterable[Updater | Compactor]) -> None:
     """All of them, before any is waited for: one may wait for another."""
     for worker in workers:
-        worker.tell_to_end()
+        worker.request_stop()
 
 
 def _documentation() -> HTMLResponse:

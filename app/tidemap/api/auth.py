@@ -11,6 +11,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import HTTPConnection
 
 from tidemap.api.limits import Limits, Senders
+from tidemap.api.state import state_of
 from tidemap.errors import ForbiddenError, OtherSiteError, UnauthorizedError
 from tidemap.schemas.keys import Role
 from tidemap.services.context import Context
@@ -144,7 +145,7 @@ def refuse_other_sites(connection: HTTPConnection) -> None:
 
 
 def _principal(connection: HTTPConnection) -> Principal:
-    ctx: Context = connection.app.state.ctx
+    ctx: Context = state_of(connection).ctx
     secret = _bearer(connection)
     if secret is not None:
         with counting_wrong_keys(connection, secret):
@@ -199,15 +200,15 @@ def _address(connection: HTTPConnection) -> str:
 
 
 def _limits(connection: HTTPConnection) -> Limits:
-    limits: Limits = connection.app.state.limits
+    limits: Limits = state_of(connection).limits
     return limits
 
 
 def _senders(connection: HTTPConnection) -> Senders:
-    senders: Senders = connection.app.state.senders
+    senders: Senders = state_of(connection).senders
     return senders
 
 
 def _settings(connection: HTTPConnection) -> Settings:
-    ctx: Context = connection.app.state.ctx
+    ctx: Context = state_of(connection).ctx
     return ctx.settings

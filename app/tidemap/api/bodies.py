@@ -15,6 +15,7 @@ from starlette.types import Message, Receive
 from tidemap.api.auth import of_connection
 from tidemap.api.budget import Share
 from tidemap.api.parameters import StrictRoute
+from tidemap.api.state import state_of
 from tidemap.errors import BodyStalledError, BodyTooLargeError, UnreadableBodyError, UnsupportedMediaTypeError
 from tidemap.settings import JSON
 
@@ -148,8 +149,8 @@ class FormRoute(StrictRoute):
 
         async def handle_read(request: Request) -> Response:
             await run_in_threadpool(of_connection, request)
-            with request.app.state.budget.share() as share:
-                content = await read_body(request, request.app.state.ctx.settings.body_limit(JSON), share)
+            with state_of(request).budget.share() as share:
+                content = await read_body(request, state_of(request).ctx.settings.body_limit(JSON), share)
                 if content:
                     _check_json(request)
                 await share.grow(len(content) * (FORM_COST - 1))

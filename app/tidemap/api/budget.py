@@ -13,7 +13,7 @@ PATIENCE_S = 5.0
 
 
 @dataclass(slots=True, eq=False)
-class Wish:
+class PendingGrant:
     """A share that waits to grow by `size` bytes."""
 
     share: "Share"
@@ -32,7 +32,7 @@ class Budget:
         self.held = 0
         self._total = total
         self._patience_s = patience_s
-        self._queue: deque[Wish] = deque()
+        self._queue: deque[PendingGrant] = deque()
         self._overdrawn: Share | None = None
 
     @contextmanager
@@ -52,7 +52,7 @@ class Budget:
         if share is self._overdrawn or (not self._queue and self._fits(size)):
             self._give(share, size)
             return
-        wish = Wish(share, size)
+        wish = PendingGrant(share, size)
         self._queue.append(wish)
         self._serve()
         try:

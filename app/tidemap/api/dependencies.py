@@ -8,6 +8,7 @@ from pydantic import AfterValidator
 from tidemap.api.auth import Sender, require, sending
 from tidemap.api.bodies import read_body
 from tidemap.api.budget import Share
+from tidemap.api.state import state_of
 from tidemap.errors import InvalidInputError
 from tidemap.ingest.observation import Body
 from tidemap.schemas.common import Text, parse_time
@@ -17,7 +18,7 @@ from tidemap.services.keys import Principal
 
 async def context(request: Request) -> Context:
     """The context of this server. A function that is not async would take a turn in a thread."""
-    ctx: Context = request.app.state.ctx
+    ctx: Context = state_of(request).ctx
     return ctx
 
 
@@ -26,7 +27,7 @@ async def posted_body(request: Request, time: str | None, share: Share) -> Body:
 
     `time` is that of a grid. Raises InvalidInputError, and as `read_body`.
     """
-    ctx: Context = request.app.state.ctx
+    ctx: Context = state_of(request).ctx
     seconds = query_time("time", time)
     media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     content = await read_body(request, ctx.settings.body_limit(media_type), share)

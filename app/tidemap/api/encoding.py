@@ -15,10 +15,10 @@ from starlette.types import Receive, Scope, Send
 from tidemap.formats.arrow import ARROW, encode_table, labels, nullable
 from tidemap.history.history import UNOBSERVED
 from tidemap.schemas.common import iso
-from tidemap.services.lending import Loan
+from tidemap.services.buffer_pool import BufferLease
 from tidemap.services.predict import PredictionView, StateFacts, StateView
 from tidemap.services.series import SeriesView
-from tidemap.services.sheets import MapSheet
+from tidemap.services.state_buffer import StateBuffer
 from tidemap.spectral.prediction import VERDICTS
 
 JSON = "application/json"
@@ -66,7 +66,7 @@ class Parts(Response):
         await send({"type": "http.response.body", "body": last})
 
 
-def encode_sheet(facts: StateFacts, loan: Loan[MapSheet]) -> Response:
+def encode_sheet(facts: StateFacts, loan: BufferLease[StateBuffer]) -> Response:
     """The answer to a question about a whole map, in Arrow."""
     return Parts((loan.value.arrow.head(_state_facts(facts)), loan.memory.data), ARROW)
 

@@ -13,6 +13,7 @@ from starlette.responses import Response
 from starlette.routing import Match, Mount
 
 from tidemap import errors
+from tidemap.api.state import state_of
 from tidemap.schemas.common import Problem, ProblemField
 
 log = logging.getLogger(__name__)
@@ -59,7 +60,7 @@ def _domain(request: Request, error: Exception) -> Response:
     if not isinstance(error, errors.TidemapError):
         raise error
     if isinstance(error, errors.BusyError):
-        request.app.state.refused.labels(error.code).inc()
+        state_of(request).refused.labels(error.code).inc()
     return domain_response(request.url.path, error)
 
 

@@ -15,6 +15,7 @@ from tidemap.api.auth import of_connection
 from tidemap.api.dependencies import cursor
 from tidemap.api.errors import domain_response
 from tidemap.api.parameters import refuse_unknown
+from tidemap.api.state import state_of
 from tidemap.errors import ForbiddenError, InvalidInputError, TidemapError
 from tidemap.events.messages import Kind, Message
 from tidemap.services.anomalies import EventQuery, list_events
@@ -71,7 +72,7 @@ class Backlog:
 @router.websocket("/events")
 async def events(socket: WebSocket) -> None:
     """Stream messages to one reader until either side ends it."""
-    ctx: Context = socket.app.state.ctx
+    ctx: Context = state_of(socket).ctx
     try:
         wish = await run_in_threadpool(_wish, ctx, socket)
     except TidemapError as error:

@@ -1,8 +1,6 @@
 """The API as one ASGI application."""
 
-import os
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from http import HTTPStatus
 from typing import Any
 
@@ -14,6 +12,7 @@ from tidemap.api.budget import Budget
 from tidemap.api.limits import Limits, Senders
 from tidemap.api.metrics import RequestMetrics, count_refused, make_registry
 from tidemap.api.routers import anomalies, health, jobs, keys, locations, maps, observations
+from tidemap.api.state import AppState
 from tidemap.schemas.common import Problem
 from tidemap.schemas.observations import GridObservations, StateObservations
 from tidemap.services.context import Context
@@ -70,16 +69,17 @@ def create_app(
         redoc_url=None,
         license_info={"name": "BSD-3-Clause", "identifier": "BSD-3-Clause"},
     )
-    app.state.ctx = ctx
-    app.state.alive = alive or {}
-    app.state.budget = Budget(ctx.settings.max_parsing_bytes)
-    # Posts that are parsed and judged at once: more threads than processors would only take turns.
-    app.state.parsing = ThreadPoolExecutor(os.cpu_count() or 1, "tidemap-posts")
-    app.state.limits = Limits.of(ctx.settings)
-    app.state.senders = Senders()
-    app.state.metrics = make_registry(ctx, on_duty)
-    app.state.refused = count_refused(app.state.metrics)
-    app.add_middleware(RequestMetrics, registry=app.state.metrics)
+    metrics = make_registry(ctx, on_duty)
+    app.state.tidemap = AppState(
+        ctx=ctx,
+        alive=alive or {},
+        budget=Budget(ctx.settings.max_parsing_bytes),
+        limits=Limits.of(ctx.settings),
+        senders=Senders(),
+        metrics=metrics,
+        refused=count_refused(metrics),
+    )
+    app.add_middleware(RequestMetrics, registry=metrics)
     errors.install(app)
     for router in ROUTERS:
         app.include_router(router, prefix=BASE, responses=_problems())

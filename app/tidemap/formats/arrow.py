@@ -48,7 +48,7 @@ def labels(codes: NDArray[np.uint8], names: tuple[str, ...]) -> Any:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sheet:
+class ArrowBuffer:
     """An IPC stream of one batch, in one piece of memory, whose columns can be written anew where they lie.
 
     Its schema is not part of `content` (n_bytes,) uint8: that carries facts, and is made for every answer.
@@ -60,7 +60,7 @@ class Sheet:
     columns: Mapping[str, NDArray[Any]]
 
     @classmethod
-    def of(cls, columns: Mapping[str, Any]) -> "Sheet":
+    def of(cls, columns: Mapping[str, Any]) -> "ArrowBuffer":
         """A sheet with these equally long columns."""
         batch = pa.record_batch(dict(columns))
         whole = np.empty(_size(batch), np.uint8)

@@ -11,9 +11,9 @@ from tidemap.history.segment import Segment, merge
 from tidemap.services.context import Context
 from tidemap.services.history import by_chunk, by_segment, of_chunk, span
 from tidemap.storage.blobs import pack_segment
-from tidemap.storage.observations import Packed
 from tidemap.storage.records import CHUNK_CELLS, LocationRecord
-from tidemap.storage.segments import SegmentKey
+from tidemap.storage.repositories.observations import Packed
+from tidemap.storage.repositories.segments import SegmentKey
 from tidemap.storage.work import Work
 
 ROUND_MEASUREMENTS = 8_000_000

@@ -1,7 +1,9 @@
 """Context: what every use case works on."""
 
+import os
 import time
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from threading import Lock
@@ -9,15 +11,15 @@ from threading import Lock
 from tidemap.errors import CorruptChunkError
 from tidemap.events.bus import Bus
 from tidemap.history.history import History
+from tidemap.services.buffer_pool import BufferPool
 from tidemap.services.caches import ByteCache
 from tidemap.services.damage import Damage
-from tidemap.services.lending import Lender
-from tidemap.services.places import Places
-from tidemap.services.sheets import MapSheet
+from tidemap.services.location_cache import LocationCache
+from tidemap.services.state_buffer import StateBuffer
 from tidemap.settings import Settings
 from tidemap.spectral.spectrum import Spectrum
-from tidemap.storage.observations import Tail
 from tidemap.storage.records import RevisionRecord
+from tidemap.storage.repositories.observations import Tail
 from tidemap.storage.store import Store
 
 
@@ -33,12 +35,12 @@ class Loaded:
     damage: Mapping[int, CorruptChunkError]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Context:
-    """The store, the bus, the caches, the known damage and locations of one process. `clock` gives Unix seconds.
+    """What one process works with. `clock` gives Unix seconds; `term` is the leader's term that its writes belong to.
 
-    Whoever compacts or forgets a history holds `compacting` meanwhile: it reads segments that it writes later.
-    Whoever unpacks what is to be held in `tails` holds `reading_on`.
+    To compact or forget a history, hold `compacting`: the segments that are read are written later.
+    To unpack what `tails` is to keep, hold `reading_on`.
     """
 
     settings: Settings
@@ -47,34 +49,42 @@ class Context:
     spectra: ByteCache[Loaded]
     histories: ByteCache[History]
     tails: ByteCache[Tail]
-    sheets: Lender[MapSheet]
+    buffers: BufferPool[StateBuffer]
     damage: Damage
-    places: Places
+    places: LocationCache
     compacting: Lock
     reading_on: Lock
+    parsing: ThreadPoolExecutor
     clock: Callable[[], float]
+    term: int | None = None
 
 
 @contextmanager
 def open_context(settings: Settings, clock: Callable[[], float] = time.time) -> Iterator[Context]:
     """A context on a migrated database; closes it, finishing the writes that were taken."""
     store = Store(settings.url, settings.commit_queue, settings.commit_batch)
+    # Posts that are parsed and judged at once: more threads than processors would only take turns.
+    parsing = ThreadPoolExecutor(os.cpu_count() or 1, "tidemap-posts")
     try:
         yield Context(
-            settings,
-            store,
-            Bus(),
-            ByteCache(settings.spectrum_cache_bytes, lambda value: spectrum_bytes(value.spectrum)),
-            ByteCache(settings.history_cache_bytes, lambda value: value.observed.nbytes + value.occupied.nbytes),
-            ByteCache(settings.history_cache_bytes // 2, tail_bytes),
-            Lender(settings.answer_cache_bytes),
-            Damage(),
-            Places(),
-            Lock(),
-            Lock(),
-            clock,
+            settings=settings,
+            store=store,
+            bus=Bus(),
+            spectra=ByteCache(settings.spectrum_cache_bytes, lambda value: spectrum_bytes(value.spectrum)),
+            histories=ByteCache(
+                settings.history_cache_bytes, lambda value: value.observed.nbytes + value.occupied.nbytes
+            ),
+            tails=ByteCache(settings.history_cache_bytes // 2, tail_bytes),
+            buffers=BufferPool(settings.answer_cache_bytes),
+            damage=Damage(),
+            places=LocationCache(),
+            compacting=Lock(),
+            reading_on=Lock(),
+            parsing=parsing,
+            clock=clock,
         )
     finally:
+        parsing.shutdown()
         store.close()
 
 

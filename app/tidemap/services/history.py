@@ -14,8 +14,8 @@ from tidemap.history.history import NEVER, UNOBSERVED, History
 from tidemap.history.measurements import Measurements
 from tidemap.history.segment import SEGMENT_SAMPLES, Segment, merge
 from tidemap.services.context import Context
-from tidemap.storage.observations import Tail
 from tidemap.storage.records import CHUNK_CELLS, LocationRecord
+from tidemap.storage.repositories.observations import Tail
 from tidemap.storage.work import Work
 
 LEAST_BYTES = 5

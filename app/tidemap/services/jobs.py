@@ -16,7 +16,8 @@ from tidemap.errors import (
 from tidemap.events.messages import Message
 from tidemap.schemas.jobs import Job
 from tidemap.services.context import Context
-from tidemap.services.update import Executor, UpdateRequest, run_update
+from tidemap.services.update import UpdateRequest, run_update
+from tidemap.services.update_task import Executor
 from tidemap.storage.records import JobRecord, RevisionRecord
 from tidemap.storage.work import Work
 

@@ -1,6 +1,8 @@
 """Observe: put posted measurements on the time base, judge them, store them durably, tell the others."""
 
+import asyncio
 from concurrent.futures import Future
+from contextlib import suppress
 from functools import partial
 
 from tidemap.errors import CorruptChunkError, IdempotencyConflictError, TidemapError
@@ -8,8 +10,8 @@ from tidemap.events.messages import Message
 from tidemap.history.measurements import Measurements
 from tidemap.ingest.observation import Target, parse
 from tidemap.schemas.anomalies import Event
-from tidemap.services.anomalies import judge
 from tidemap.services.context import Context
+from tidemap.services.judge import judge
 from tidemap.services.keys import confirm
 from tidemap.services.listing import shortened
 from tidemap.services.locations import find_location
@@ -35,12 +37,21 @@ def observe(ctx: Context, name: str, post: Post) -> Observed:
     return begin(ctx, name, post).result()
 
 
+async def submit(ctx: Context, name: str, post: Post) -> Observed:
+    """As `observe`, without blocking the event loop: quick posts are parsed by the writer, others in `ctx.parsing`."""
+    if is_quick(ctx, name, post):
+        with suppress(NotQuickError):
+            return await asyncio.wrap_future(begin_quick(ctx, name, post))
+    begun = await asyncio.wrap_future(ctx.parsing.submit(begin, ctx, name, post))
+    return await asyncio.wrap_future(begun)
+
+
 def begin(ctx: Context, name: str, post: Post) -> Future[Observed]:
     """Parse and judge a post and queue it; the future has what `observe` returns after the durable commit.
 
     Who sent it and whether its key was used is looked up where it is stored. Raises as `observe`.
     """
-    return ctx.store.submit_item(store_all, _entry(ctx, name, post), partial(_tell, ctx))
+    return ctx.store.submit_item(store_all, judged(ctx, post, *parsed(ctx, name, post)), partial(_tell, ctx))
 
 
 def begin_quick(ctx: Context, name: str, post: Post) -> Future[Observed]:
@@ -49,7 +60,7 @@ def begin_quick(ctx: Context, name: str, post: Post) -> Future[Observed]:
     The future has what `observe` returns or raises, or NotQuickError: then nothing was stored, and `begin` is for it.
     For posts that are quick as far as can be seen (`is_quick`).
     """
-    return ctx.store.submit_unmade(store_all, partial(_quick_entry, ctx, name, post), partial(_tell, ctx))
+    return ctx.store.submit_deferred(store_all, partial(_quick_entry, ctx, name, post), partial(_tell, ctx))
 
 
 def is_quick(ctx: Context, name: str, post: Post) -> bool:
@@ -65,21 +76,16 @@ def _can_judge(ctx: Context, place: LocationRecord) -> bool:
     return not place.revision or held(ctx, place) is not None
 
 
-def _entry(ctx: Context, name: str, post: Post) -> Entry:
-    """What is to be stored of a post, parsed and judged. Raises as `observe`."""
-    return _judged(ctx, post, *_parsed(ctx, name, post))
-
-
 def _quick_entry(ctx: Context, name: str, post: Post) -> Entry:
-    """As `_entry`. Raises NotQuickError."""
-    place, measurements = _parsed(ctx, name, post)
+    """A post, parsed and judged. Raises NotQuickError, and as `observe`."""
+    place, measurements = parsed(ctx, name, post)
     if len(measurements.heads) > QUICK_LOOKS or not _can_judge(ctx, place):
         raise NotQuickError
-    return _judged(ctx, post, place, measurements)
+    return judged(ctx, post, place, measurements)
 
 
-def _parsed(ctx: Context, name: str, post: Post) -> tuple[LocationRecord, Measurements]:
-    """The location and what was measured there."""
+def parsed(ctx: Context, name: str, post: Post) -> tuple[LocationRecord, Measurements]:
+    """The location of a post and its measurements. Raises as `observe`."""
     try:
         place = ctx.places.get(name, partial(find_location, ctx))
         return place, parse(post.body, Target(place.kind, place.cells, ctx.clock() + ctx.settings.future_s))
@@ -88,7 +94,8 @@ def _parsed(ctx: Context, name: str, post: Post) -> tuple[LocationRecord, Measur
         raise
 
 
-def _judged(ctx: Context, post: Post, place: LocationRecord, measurements: Measurements) -> Entry:
+def judged(ctx: Context, post: Post, place: LocationRecord, measurements: Measurements) -> Entry:
+    """What to store of measurements, whatever form they came in: with the events among them."""
     place, events = _events(ctx, place, measurements)
     return Entry(place, post, _record(ctx, post, measurements), events)
 

@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 
 from tidemap.errors import CellNotFoundError, InvalidInputError
 from tidemap.history.history import NEVER, UNOBSERVED
+from tidemap.services.buffer_pool import BufferLease
 from tidemap.services.context import Context
 from tidemap.services.history import last_seen
 from tidemap.services.keys import Claim
-from tidemap.services.lending import Loan
-from tidemap.services.sheets import MapSheet
 from tidemap.services.spectra import Fitted, fitted
+from tidemap.services.state_buffer import StateBuffer
 from tidemap.spectral.prediction import entropy, known, predict, predict_times, state, verdict
 from tidemap.storage.records import LocationRecord
 
@@ -127,13 +127,13 @@ def view_of(ctx: Context, asked: Asked) -> StateView:
     )
 
 
-def sheet_of(ctx: Context, asked: Asked) -> Loan[MapSheet] | None:
+def sheet_of(ctx: Context, asked: Asked) -> BufferLease[StateBuffer] | None:
     """The answer as it is sent in Arrow; None where it is not about a whole map."""
     spectrum, confidence = asked.model.spectrum, asked.confidence
     if asked.query.bbox is not None or asked.query.observed:
         return None
     key = (asked.model.place.id, asked.model.revision.recipe, confidence)
-    loan = ctx.sheets.borrow(key, ref(asked.model.loaded), lambda: MapSheet.of(spectrum, confidence))
+    loan = ctx.buffers.borrow(key, ref(asked.model.loaded), lambda: StateBuffer.of(spectrum, confidence))
     loan.value.write(spectrum, asked.query.time, ctx.settings.update_threads)
     return loan
 

@@ -1,8 +1,8 @@
 """Update: refit spectrum and outliers of a location from its history (the paper's model update)."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Protocol, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -11,32 +11,16 @@ from tidemap.history.history import History
 from tidemap.services.compaction import compact, forget
 from tidemap.services.context import Context
 from tidemap.services.history import read_compacted, window
+from tidemap.services.update_task import ChunkFit, Executor, Plan, UpdateTask, run_task
 from tidemap.spectral.auto.selection import Choice, choose
-from tidemap.spectral.model import fit_part
-from tidemap.spectral.outliers import count_outliers
-from tidemap.spectral.recipe import Recipe
 from tidemap.spectral.window import fit_window
 from tidemap.storage.records import LocationRecord, RevisionRecord
 from tidemap.storage.work import Work
 
-Item = TypeVar("Item")
-Value = TypeVar("Value")
 SELECTION_CELLS = 64
 """Changing cells that decide for all."""
 ORDERS = (1, 2, 3, 5, 10, 15)
 """Orders of `fft` that are tried."""
-
-
-class Executor(Protocol):
-    """Runs independent tasks, possibly at once; results in the order of the items."""
-
-    def map(self, task: Callable[[Item], Value], items: Iterable[Item]) -> Iterable[Value]:
-        """Results, as they become known in order."""
-        ...
-
-    def check(self) -> None:
-        """Raises ShuttingDownError where nothing more is to be begun."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,19 +31,6 @@ class UpdateRequest:
     stop: float | None = None
     estimator: str | None = None
     order: int | str | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """An update with everything decided. Samples [start, stop) are fitted, `history` is the span of outliers."""
-
-    place: LocationRecord
-    number: int
-    recipe: Recipe
-    start: int
-    stop: int
-    history: tuple[int, int]
-    selection: Choice | None
 
 
 def run_update(
@@ -81,20 +52,9 @@ def run_update(
     compact(ctx, place, executor.check)
     forget(ctx, place)
     progress(0.1)
-    plan = _plan(ctx, place, request, executor.check)
-    wrong = observed = 0
-    damage: list[CorruptChunkError] = []
-    for i, fit in enumerate(executor.map(lambda chunk: _update_chunk(ctx, plan, chunk), range(plan.place.n_chunks))):
-        if isinstance(fit, CorruptChunkError):
-            damage.append(fit)
-        else:
-            wrong, observed = wrong + fit.wrong, observed + fit.observed
-        progress(0.1 + 0.9 * (i + 1) / plan.place.n_chunks)
-    if len(damage) == plan.place.n_chunks:
-        raise damage[0]
-    if not damage:
-        ctx.damage.forget(plan.place.id)
-    record = _revision(ctx, plan, 1 - wrong / observed if observed else None)
+    plan, tried = _plan(ctx, place, request, executor.check)
+    fits = _fit_chunks(ctx, plan, executor, progress)
+    record = _revision(ctx, plan, tried, _accuracy(fits))
 
     def publish(work: Work) -> None:
         work.spectra.publish(record)
@@ -105,8 +65,35 @@ def run_update(
     return record
 
 
-def _plan(ctx: Context, before: LocationRecord, request: UpdateRequest, check: Callable[[], None]) -> Plan:
-    """The plan of an update of what had come in `before`; what came in since waits for the next."""
+def _fit_chunks(ctx: Context, plan: Plan, executor: Executor, progress: Callable[[float], None]) -> list[ChunkFit]:
+    """Fit and store every chunk that can be read. Raises CorruptChunkError where none can."""
+    n_chunks = plan.place.n_chunks
+    tasks = [UpdateTask(plan, chunk, ctx.term) for chunk in range(n_chunks)]
+    fits: list[ChunkFit] = []
+    damage: list[CorruptChunkError] = []
+    for done, fit in enumerate(executor.map(run_task, tasks), 1):
+        if isinstance(fit, CorruptChunkError):
+            damage.append(fit)
+        else:
+            fits.append(fit)
+        progress(0.1 + 0.9 * done / n_chunks)
+    if not fits:
+        raise damage[0]
+    if not damage:
+        ctx.damage.forget(plan.place.id)
+    return fits
+
+
+def _accuracy(fits: list[ChunkFit]) -> float | None:
+    """The share of observed samples that are no outliers; None where nothing was observed."""
+    observed = sum(fit.observed for fit in fits)
+    return 1 - sum(fit.outliers for fit in fits) / observed if observed else None
+
+
+def _plan(
+    ctx: Context, before: LocationRecord, request: UpdateRequest, check: Callable[[], None]
+) -> tuple[Plan, Choice | None]:
+    """The plan of an update of what had come in `before`, and how `auto` chose; what came in since waits."""
     with ctx.store.read() as work:
         place = _limited(work.locations.by_id(before.id), before)
         number = work.spectra.next_number(place.id)
@@ -117,7 +104,7 @@ def _plan(ctx: Context, before: LocationRecord, request: UpdateRequest, check: C
     if selection.estimator == "fft" and request.start is None and request.stop is None:
         start, stop = fit_window(start, stop, place.interval_s)
     tried = selection if selection.reason else None
-    return Plan(place, number, selection.recipe, start, stop, history, tried)
+    return Plan(place, number, selection.recipe, start, stop, history), tried
 
 
 def _limited(now: LocationRecord, before: LocationRecord) -> LocationRecord:
@@ -181,28 +168,7 @@ def _sample_cells(ctx: Context, place: LocationRecord, samples: tuple[int, int],
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Fit:
-    """Of one chunk: how many samples are outliers, and how many were observed."""
-
-    wrong: int
-    observed: int
-
-
-def _update_chunk(ctx: Context, plan: Plan, chunk: int) -> _Fit | CorruptChunkError:
-    """Fit and store one chunk, unless its history is damaged."""
-    place = plan.place
-    try:
-        history = read_compacted(ctx, place, chunk, *plan.history)
-    except CorruptChunkError as error:
-        return error.with_traceback(None)
-    spectrum = fit_part(history, plan.recipe, place.base, (plan.start, plan.stop))
-    ctx.store.write(lambda work: work.spectra.put_chunk(place.id, plan.number, chunk, spectrum))
-    wrong = count_outliers(spectrum, history, place.base)
-    return _Fit(int(wrong.sum()), int(history.count_observed().sum()))
-
-
-def _revision(ctx: Context, plan: Plan, accuracy: float | None) -> RevisionRecord:
+def _revision(ctx: Context, plan: Plan, tried: Choice | None, accuracy: float | None) -> RevisionRecord:
     return RevisionRecord(
         location_id=plan.place.id,
         revision=plan.number,
@@ -213,7 +179,7 @@ def _revision(ctx: Context, plan: Plan, accuracy: float | None) -> RevisionRecor
         measurements=plan.place.measurements,
         accuracy=accuracy,
         updated_at=ctx.clock(),
-        selection=None if plan.selection is None else _wire(plan.selection),
+        selection=None if tried is None else _wire(tried),
     )
 
 

@@ -9,8 +9,8 @@ from sqlalchemy import Connection, make_url, text
 from sqlalchemy.exc import DBAPIError
 
 from tidemap.storage.engine import open_watch, open_writer
-from tidemap.storage.terms import Terms
-from tidemap.storage.trouble import means_trouble
+from tidemap.storage.fencing import FencingTokens
+from tidemap.storage.outage import is_outage
 
 # A number of its own, and that of a table, so that two schemas of one database do not share it.
 _TRY = text("SELECT pg_try_advisory_lock(7364125, CAST(CAST('counter' AS regclass) AS oid)::int)")
@@ -89,7 +89,7 @@ class FileLock:
         engine = open_writer(self._url)
         try:
             with engine.begin() as connection:
-                return Terms(connection).begin()
+                return FencingTokens(connection).begin()
         finally:
             engine.dispose()
 
@@ -109,7 +109,7 @@ class AdvisoryLock:
             if self._connection is None:
                 self._connection = self._engine.connect()
             if self._connection.execute(_TRY).scalar():
-                return Terms(self._connection).begin()
+                return FencingTokens(self._connection).begin()
         except DBAPIError as error:
             self.release()
             _refuse_others(error)
@@ -132,5 +132,5 @@ class AdvisoryLock:
 
 def _refuse_others(error: DBAPIError) -> None:
     """Raise what is more than a database that is away or busy; who posts hears of that."""
-    if not means_trouble(error):
+    if not is_outage(error):
         raise error

@@ -14,7 +14,7 @@ from tidemap.errors import DatabaseUnusableError, StorageUnavailableError
 from tidemap.storage.engine import open_reader, open_writer
 from tidemap.storage.gate import Gate
 from tidemap.storage.migrate import check_version, current_version, migrate
-from tidemap.storage.trouble import Trouble, means_trouble
+from tidemap.storage.outage import OutageTracker, is_outage
 from tidemap.storage.work import Work
 from tidemap.storage.writer import Item, RunAll, Writer
 
@@ -79,7 +79,7 @@ class Store:
 
     def __init__(self, url: str, commit_queue: int = 1024, commit_batch: int = 128) -> None:
         self._guard: Callable[[Work], None] = lambda work: None
-        self._reading = Trouble("read")
+        self._reading = OutageTracker("read")
         self._gate = Gate()
         self._reader = open_reader(url)
         try:
@@ -102,7 +102,7 @@ class Store:
                 yield Work.on(connection)
                 transaction.rollback()
         except DBAPIError as error:
-            if not means_trouble(error):
+            if not is_outage(error):
                 raise
             self._reading.failed(error)
             raise StorageUnavailableError from error
@@ -130,11 +130,11 @@ class Store:
         """Queue an item that is written together with others; see `Writer.submit_item`."""
         return self._writer.submit_item(run_all, item, then)
 
-    def submit_unmade(
+    def submit_deferred(
         self, run_all: RunAll[Item, Result], make: Callable[[], Item], then: Callable[[Result], None] | None = None
     ) -> Future[Result]:
-        """Queue an item that is still to be made; see `Writer.submit_unmade`."""
-        return self._writer.submit_unmade(run_all, make, then)
+        """Queue an item that is still to be made; see `Writer.submit_deferred`."""
+        return self._writer.submit_deferred(run_all, make, then)
 
     def write(self, run: Callable[[Work], Result], then: Callable[[Result], None] | None = None) -> Result:
         """Queue a write and wait until it is durable; `then` as in `Writer.submit`."""

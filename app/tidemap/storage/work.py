@@ -4,14 +4,14 @@ from dataclasses import dataclass
 
 from sqlalchemy import Connection
 
-from tidemap.storage.anomalies import Anomalies
-from tidemap.storage.jobs import Jobs
-from tidemap.storage.keys import Keys
-from tidemap.storage.locations import Locations
-from tidemap.storage.observations import Observations
-from tidemap.storage.segments import Segments
-from tidemap.storage.spectra import Spectra
-from tidemap.storage.terms import Terms
+from tidemap.storage.fencing import FencingTokens
+from tidemap.storage.repositories.anomalies import Anomalies
+from tidemap.storage.repositories.jobs import Jobs
+from tidemap.storage.repositories.keys import Keys
+from tidemap.storage.repositories.locations import Locations
+from tidemap.storage.repositories.observations import Observations
+from tidemap.storage.repositories.segments import Segments
+from tidemap.storage.repositories.spectra import Spectra
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,7 @@ class Work:
     anomalies: Anomalies
     jobs: Jobs
     keys: Keys
-    terms: Terms
+    terms: FencingTokens
 
     @classmethod
     def on(cls, connection: Connection) -> "Work":
@@ -38,5 +38,5 @@ class Work:
             Anomalies(connection),
             Jobs(connection),
             Keys(connection),
-            Terms(connection),
+            FencingTokens(connection),
         )

@@ -18,7 +18,7 @@ from tidemap.errors import QueueFullError, ShuttingDownError, StorageUnavailable
 from tidemap.storage.checkpoint import Checkpoints
 from tidemap.storage.counters import take
 from tidemap.storage.gate import Gate
-from tidemap.storage.trouble import Trouble, means_trouble
+from tidemap.storage.outage import OutageTracker, is_outage
 from tidemap.storage.work import Work
 
 log = logging.getLogger(__name__)
@@ -57,7 +57,7 @@ class Writer:
         self._engine = engine
         self._batch = batch
         self._queue: Queue[_Write[Any, Any] | None] = Queue(queue_length)
-        self.trouble = Trouble("written")
+        self.trouble = OutageTracker("written")
         self._gate = Lock()
         self._closed = False
         self._checkpoints = Checkpoints(engine, gate)
@@ -81,9 +81,9 @@ class Writer:
         self, run_all: RunAll[Item, Result], item: Item, then: Callable[[Result], None] | None = None
     ) -> Future[Result]:
         """As `submit`, of an item that is written together with those beside it that have the same `run_all`."""
-        return self.submit_unmade(run_all, lambda: item, then)
+        return self.submit_deferred(run_all, lambda: item, then)
 
-    def submit_unmade(
+    def submit_deferred(
         self, run_all: RunAll[Item, Result], make: Callable[[], Item], then: Callable[[Result], None] | None = None
     ) -> Future[Result]:
         """As `submit_item`, of an item that `make` makes in the writer's thread, just before its group is stored.
@@ -220,7 +220,7 @@ class Writer:
         """A change of state where the database is in trouble, one line for what else it says, a trace for the rest."""
         if not isinstance(error, DBAPIError):
             log.error(what, exc_info=error)
-        elif means_trouble(error):
+        elif is_outage(error):
             self.trouble.failed(error)
         else:
             log.error("%s: %s", what, " ".join(str(error.orig).split()))

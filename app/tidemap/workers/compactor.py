@@ -11,7 +11,7 @@ from tidemap.services.compaction import compact
 from tidemap.services.context import Context
 from tidemap.services.pruning import prune
 from tidemap.storage.records import LocationRecord
-from tidemap.workers.duty import Duty, Term
+from tidemap.workers.election import LeaderElection, LeaderTerm
 from tidemap.workers.retries import Retries
 from tidemap.workers.worker import Worker
 
@@ -19,14 +19,14 @@ log = logging.getLogger(__name__)
 PRUNE_EVERY_S = 3600.0
 COMPACT_POSTS = 256
 COMPACT_MEASUREMENTS = 2_000_000
-"""A log that is longer is compacted: whoever reads the history unpacks it. Each time some segments are written anew, so
-of a log that is compacted more often more is written, and more time taken from others."""
+"""A longer log is compacted, because every reader of the history unpacks it. Each compaction rewrites some segments:
+to compact more often writes more, and takes more time from others."""
 LATE_MEASUREMENTS = 6_000_000
 """When more wait to be compacted, posts are slowed down: a question has to read them all."""
 FAILED_S = 10.0
 """How long a location rests after its compaction has failed, and twice as long each time that it fails again."""
 STALLED_S = 600.0
-"""Posts do not wait for a log of which nothing was compacted for so long: whoever is on duty must have failed."""
+"""Posts do not wait for a log of which nothing was compacted for so long: the leader must have failed."""
 SLOWEST_S = 0.25
 """How long the writer rests at most after a group of posts."""
 
@@ -34,12 +34,12 @@ SLOWEST_S = 0.25
 class Compactor:
     """One thread. The more comes in while it works, the more it compacts at once, and the less work a post is.
 
-    Off duty it compacts nothing, but it slows posts down all the same while whoever is on duty is late.
+    Where another process leads it compacts nothing, but it slows posts down while that one is late.
     """
 
-    def __init__(self, ctx: Context, duty: Duty) -> None:
+    def __init__(self, ctx: Context, election: LeaderElection) -> None:
         self._ctx = ctx
-        self._duty = duty
+        self._election = election
         self._worker = Worker("compactor", ctx.settings.updater_interval_s, self._round)
         self._retries = Retries(FAILED_S, time.monotonic)
         self._stood: dict[tuple[int, int], float] = {}
@@ -47,7 +47,7 @@ class Compactor:
         self._come_in = 0
         self._pruned = -math.inf
         self._unsubscribe: Callable[[], None] = lambda: None
-        duty.on_begin(self._worker.wake)
+        election.on_begin(self._worker.wake)
 
     def start(self) -> None:
         """Begin, unless the settings leave histories alone."""
@@ -55,15 +55,15 @@ class Compactor:
             self._unsubscribe = self._ctx.bus.subscribe(self._listen)
             self._worker.start()
 
-    def tell_to_end(self) -> None:
+    def request_stop(self) -> None:
         """Leave the round at hand, of which nothing is stored."""
         self._unsubscribe()
         self._ctx.store.slow_down(0)
-        self._worker.tell_to_end()
+        self._worker.request_stop()
 
     def stop(self) -> None:
         """End."""
-        self.tell_to_end()
+        self.request_stop()
         self._worker.join()
 
     def alive(self) -> bool:
@@ -84,7 +84,7 @@ class Compactor:
             places, waiting = work.locations.list(), work.observations.waiting()
         long = [place for place in places if is_long(place, waiting.get(place.id, 0))]
         self._waiting = sum(waiting.get(place.id, 0) for place in self._moving(long))
-        if (term := self._duty.term) is not None:
+        if (term := self._election.term) is not None:
             self._work(term, [place for place in long if self._retries.due(place.id)])
 
     def _moving(self, long: list[LocationRecord]) -> list[LocationRecord]:
@@ -97,7 +97,7 @@ class Compactor:
             if not self._retries.fails(place.id) and now - self._stood[place.id, place.compacted_seq] < STALLED_S
         ]
 
-    def _work(self, term: Term, long: list[LocationRecord]) -> None:
+    def _work(self, term: LeaderTerm, long: list[LocationRecord]) -> None:
         ctx = term.limit(self._ctx)
 
         def check() -> None:

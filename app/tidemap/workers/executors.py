@@ -3,10 +3,12 @@
 from collections.abc import Callable, Iterable
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeVar
 
 from tidemap.errors import ShuttingDownError
-from tidemap.services.update import Executor
+from tidemap.services.context import Context
+from tidemap.services.update_task import Executor
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")
@@ -19,9 +21,9 @@ class Limited:
     executor: Executor
     limit: Callable[[], None]
 
-    def map(self, task: Callable[[Item], Value], items: Iterable[Item]) -> Iterable[Value]:
+    def map(self, run: Callable[[Context, Item], Value], items: Iterable[Item]) -> Iterable[Value]:
         """As the other one."""
-        return self.executor.map(task, items)
+        return self.executor.map(run, items)
 
     def check(self) -> None:
         """Raises what either of the two raises."""
@@ -32,14 +34,15 @@ class Limited:
 class LocalExecutor:
     """Threads of this process; the kernels release the GIL."""
 
-    def __init__(self, threads: int) -> None:
+    def __init__(self, ctx: Context, threads: int) -> None:
+        self._ctx = ctx
         self._pool = ThreadPoolExecutor(threads, thread_name_prefix="tidemap-update")
         self._closed = False
 
-    def map(self, task: Callable[[Item], Value], items: Iterable[Item]) -> Iterable[Value]:
+    def map(self, run: Callable[[Context, Item], Value], items: Iterable[Item]) -> Iterable[Value]:
         """Results in the order of the items. Raises ShuttingDownError when it is closed before the last."""
         try:
-            yield from self._pool.map(task, items)
+            yield from self._pool.map(partial(run, self._ctx), items)
         except (CancelledError, RuntimeError):
             if self._closed:
                 raise ShuttingDownError from None
@@ -50,12 +53,12 @@ class LocalExecutor:
         if self._closed:
             raise ShuttingDownError
 
-    def tell_to_end(self) -> None:
+    def request_stop(self) -> None:
         """Let running tasks end and start no more."""
         self._closed = True
         self._pool.shutdown(wait=False, cancel_futures=True)
 
     def close(self) -> None:
         """The same, and wait until they have ended."""
-        self.tell_to_end()
+        self.request_stop()
         self._pool.shutdown()

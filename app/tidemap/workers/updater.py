@@ -7,9 +7,10 @@ from dataclasses import asdict
 from tidemap.events.messages import Message
 from tidemap.services.context import Context
 from tidemap.services.jobs import claim_job, request_update, requeue_interrupted, run_job
-from tidemap.services.update import Executor, UpdateRequest
+from tidemap.services.update import UpdateRequest
+from tidemap.services.update_task import Executor
 from tidemap.storage.records import LocationRecord, RevisionRecord
-from tidemap.workers.duty import Duty, Term
+from tidemap.workers.election import LeaderElection, LeaderTerm
 from tidemap.workers.executors import Limited, LocalExecutor
 from tidemap.workers.retries import Retries
 from tidemap.workers.worker import Worker
@@ -19,33 +20,33 @@ POLL_S = 1.0
 
 
 class Updater:
-    """One thread that takes job after job on duty; an update's chunks run on the executor's threads."""
+    """One thread that takes job after job while this process leads; chunks run on the executor's threads."""
 
-    def __init__(self, ctx: Context, duty: Duty) -> None:
+    def __init__(self, ctx: Context, election: LeaderElection) -> None:
         self._ctx = ctx
-        self._duty = duty
-        self._executor = LocalExecutor(ctx.settings.update_threads)
+        self._election = election
+        self._executor = LocalExecutor(ctx, ctx.settings.update_threads)
         self._worker = Worker("updater", min(POLL_S, ctx.settings.updater_interval_s), self._round)
-        self._settled: Term | None = None
+        self._settled: LeaderTerm | None = None
         self._looked = -math.inf
         self._retries = Retries(ctx.settings.update_rest_s, ctx.clock)
         self._asked: dict[int, float] = {}
         self._unsubscribe = ctx.bus.subscribe(self._listen)
-        duty.on_begin(self._worker.wake)
+        election.on_begin(self._worker.wake)
 
     def start(self) -> None:
-        """Begin; jobs that whoever was on duty before left running run again."""
+        """Begin; jobs that an earlier leader left running run again."""
         self._worker.start()
 
-    def tell_to_end(self) -> None:
+    def request_stop(self) -> None:
         """Begin nothing more."""
         self._unsubscribe()
-        self._worker.tell_to_end()
-        self._executor.tell_to_end()
+        self._worker.request_stop()
+        self._executor.request_stop()
 
     def stop(self) -> None:
         """Finish the tasks at hand and end."""
-        self.tell_to_end()
+        self.request_stop()
         self._executor.close()
         self._worker.join()
 
@@ -61,7 +62,7 @@ class Updater:
         if self._ctx.store.trouble() is not None:
             # Nobody may post to a server that is not ready: it has to find out by itself when it can write again.
             self._ctx.store.write(lambda work: None)
-        if (term := self._duty.term) is None:
+        if (term := self._election.term) is None:
             return
         ctx = term.limit(self._ctx)
         if self._settled is not term:

@@ -35,7 +35,7 @@ class Worker:
         if self._stopping.is_set():
             raise ShuttingDownError
 
-    def tell_to_end(self) -> None:
+    def request_stop(self) -> None:
         """Ends at the next `check`."""
         self._stopping.set()
         self._wake.set()
@@ -52,7 +52,7 @@ class Worker:
         try:
             yield
         finally:
-            self.tell_to_end()
+            self.request_stop()
             self.join()
 
     def alive(self) -> bool:

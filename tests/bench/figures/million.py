@@ -52,7 +52,7 @@ def measure(shape: tuple[int, ...] = million.SHAPE) -> Figure:
 
 
 def update(ctx: Context) -> None:
-    executor = LocalExecutor(ctx.settings.update_threads)
+    executor = LocalExecutor(ctx, ctx.settings.update_threads)
     run_update(ctx, find_location(ctx, million.NAME).id, UpdateRequest(), executor, lambda _: None)
     executor.close()
 

@@ -5,9 +5,10 @@ import pytest
 
 from tests.support.contexts import make_location, post_rows, post_states, refit
 from tidemap.errors import AnomalyNotFoundError, InvalidInputError, LocationNotFoundError, NoModelError
-from tidemap.services import anomalies
-from tidemap.services.anomalies import DetectQuery, EventQuery, acknowledge, detect, list_events
+from tidemap.services import detect as detect_module
+from tidemap.services.anomalies import EventQuery, acknowledge, list_events
 from tidemap.services.context import Context
+from tidemap.services.detect import DetectQuery, detect
 from tidemap.services.locations import delete_location
 from tidemap.spectral.anomaly import Rule
 
@@ -33,7 +34,7 @@ def make_lab(ctx: Context) -> np.ndarray:
 def test_the_events_are_all_that_the_rule_says(
     ctx: Context, monkeypatch: pytest.MonkeyPatch, rule: Rule, start: float, stop: float, block: int
 ) -> None:
-    monkeypatch.setattr(anomalies, "BLOCK_VALUES", block)
+    monkeypatch.setattr(detect_module, "BLOCK_VALUES", block)
     states = make_lab(ctx)
     events, revision = detect(ctx, "lab", DetectQuery(start, stop, rule=rule))
     seen = states < 2
@@ -77,7 +78,7 @@ def test_an_event_tells_its_cells_and_how_surprising_they_were(ctx: Context) -> 
 def test_too_many_marks_are_refused_before_they_fill_the_memory(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:
     """Counted over all chunks together."""
     make_lab(ctx)
-    monkeypatch.setattr(anomalies, "MAX_MARKS", 5)
+    monkeypatch.setattr(detect_module, "MAX_MARKS", 5)
     with pytest.raises(InvalidInputError, match="search a shorter time"):
         detect(ctx, "lab", DetectQuery(0.0, 1e9))
 

@@ -11,7 +11,7 @@ from tidemap.services import history
 from tidemap.services.context import Context
 from tidemap.services.history import read_compacted
 from tidemap.services.locations import find_location
-from tidemap.storage import observations
+from tidemap.storage.repositories import observations
 
 
 @pytest.fixture

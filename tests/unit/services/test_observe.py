@@ -1,5 +1,6 @@
 """Observe: stored once, judged by what was expected, told after it is durable."""
 
+import asyncio
 from concurrent.futures import wait
 from threading import Event
 
@@ -24,7 +25,16 @@ from tidemap.services.anomalies import EventQuery, list_events
 from tidemap.services.context import Context
 from tidemap.services.keys import Claim, Principal
 from tidemap.services.locations import change_location, delete_location, find_location, get_location
-from tidemap.services.observe import QUICK_BYTES, QUICK_LOOKS, NotQuickError, begin, begin_quick, is_quick, observe
+from tidemap.services.observe import (
+    QUICK_BYTES,
+    QUICK_LOOKS,
+    NotQuickError,
+    begin,
+    begin_quick,
+    is_quick,
+    observe,
+    submit,
+)
 from tidemap.services.posts import Post
 from tidemap.services.spectra import fitted
 
@@ -304,3 +314,16 @@ def test_a_post_goes_by_what_its_location_is_now(ctx: Context) -> None:
         post_states(ctx, "gate", [6240.0], [1])
     make_location(ctx, "gate")
     assert post_states(ctx, "gate", [6240.0], [1]).number == 1
+
+
+def test_submit_takes_quick_and_slow_posts_to_their_durable_end(ctx: Context) -> None:
+    make_location(ctx, "gate")
+    slow, quick = opened(0.0, None), opened(60.0, None)
+    assert not is_quick(ctx, "gate", slow)
+    assert asyncio.run(submit(ctx, "gate", slow)).number == 1
+    assert is_quick(ctx, "gate", quick)
+    assert asyncio.run(submit(ctx, "gate", quick)).number == 2
+    times = [120.0 + 60 * i for i in range(QUICK_LOOKS + 1)]
+    many = Post(Body(f'{{"time": {times}, "state": {[1] * len(times)}}}'.encode(), JSON))
+    assert is_quick(ctx, "gate", many), "only its parsing shows that it is not"
+    assert asyncio.run(submit(ctx, "gate", many)).accepted == QUICK_LOOKS + 1

@@ -9,8 +9,9 @@ import pytest
 from tests.support.contexts import compact_now, history_of, make_location, opened, post_rows, refit
 from tidemap.errors import TidemapError
 from tidemap.history.history import UNOBSERVED
-from tidemap.services.anomalies import DetectQuery, EventQuery, detect, list_events
+from tidemap.services.anomalies import EventQuery, list_events
 from tidemap.services.context import Context
+from tidemap.services.detect import DetectQuery, detect
 from tidemap.services.locations import get_location, list_locations
 from tidemap.services.predict import PredictQuery, StateQuery, predict_at, state_at
 from tidemap.services.series import series

@@ -139,7 +139,7 @@ def test_progress_goes_up_to_one(ctx: Context) -> None:
     make_location(ctx, "lab", (80, 40))
     post_rows(ctx, "lab", [(0.0, 7, 1)])
     told: list[float] = []
-    run_update(ctx, find_location(ctx, "lab").id, UpdateRequest(estimator="static"), Serial(), told.append)
+    run_update(ctx, find_location(ctx, "lab").id, UpdateRequest(estimator="static"), Serial(ctx), told.append)
     assert told == sorted(told)
     assert (told[0], told[-1]) == (0.1, 1.0)
     assert len(told) == 5
@@ -148,14 +148,15 @@ def test_progress_goes_up_to_one(ctx: Context) -> None:
 class Interrupting(Serial):
     """Does something between two chunks."""
 
-    def __init__(self, act: Any) -> None:
+    def __init__(self, ctx: Context, act: Any) -> None:
+        super().__init__(ctx)
         self.act = act
 
-    def map(self, task: Any, items: Any) -> Any:
+    def map(self, run: Any, items: Any) -> Any:
         for i, item in enumerate(items):
             if i == 1:
                 self.act()
-            yield task(item)
+            yield run(self.ctx, item)
 
 
 def make_lab(ctx: Context) -> None:
@@ -164,7 +165,9 @@ def make_lab(ctx: Context) -> None:
 
 
 def interrupted(ctx: Context, act: Any) -> None:
-    run_update(ctx, find_location(ctx, "lab").id, UpdateRequest(estimator="static"), Interrupting(act), lambda _: None)
+    run_update(
+        ctx, find_location(ctx, "lab").id, UpdateRequest(estimator="static"), Interrupting(ctx, act), lambda _: None
+    )
 
 
 def test_nothing_of_an_update_is_visible_before_its_end(ctx: Context) -> None:
@@ -212,7 +215,7 @@ def test_a_post_between_the_compaction_and_the_plan_waits_for_the_next_update_to
             posted.append(progress)
             post_rows(ctx, "lab", [(MINUTE * 9, 3000, 1)])
 
-    run_update(ctx, find_location(ctx, "lab").id, UpdateRequest(estimator="static"), Serial(), post)
+    run_update(ctx, find_location(ctx, "lab").id, UpdateRequest(estimator="static"), Serial(ctx), post)
     _, revision = current_revision(ctx, "lab")
     assert (revision.stop, revision.observation_seq, revision.measurements) == (4, 1, 12)
     assert state_at(ctx, "lab", StateQuery(0.0)).probability.tolist() == [0.5, 0.5, 0.5]

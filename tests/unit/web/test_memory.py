@@ -12,9 +12,9 @@ MANY_THREADS = """
 import threading
 import numpy as np
 from tests.support.memory import memory_mb
-from tidemap_web.memory import give_back_freed
+from tidemap_web.memory import tune_malloc
 
-give_back_freed()
+tune_malloc()
 
 def work():
     for _ in range(5):
@@ -31,15 +31,15 @@ BESIDE_SMALL_ONES = """
 import os, time
 import numpy as np
 from tests.support.memory import memory_mb
-from tidemap_web.memory import give_back_freed, giving_back
+from tidemap_web.memory import tune_malloc, periodic_trim
 
-give_back_freed()
+tune_malloc()
 pairs = [(np.ones(5000), bytes(1000)) for _ in range(3000)]
 small = [pair[1] for pair in pairs]
 full = memory_mb(os.getpid())
 del pairs
-with giving_back(0.05):
-    until = time.monotonic() + 120
+with periodic_trim(0.05):
+    until = time.monotonic() + 20
     while full - memory_mb(os.getpid()) < 100 and time.monotonic() < until:
         time.sleep(0.05)
 print(full - memory_mb(os.getpid()))

@@ -36,14 +36,14 @@ from tidemap.storage.tables import history, observation
 from tidemap.storage.work import Work
 from tidemap.workers import compactor as compactor_module
 from tidemap.workers.compactor import COMPACT_POSTS, Compactor
-from tidemap.workers.duty import Duty
+from tidemap.workers.election import LeaderElection
 from tidemap.workers.updater import Updater
 
 
 @contextmanager
 def working(ctx: Context) -> Iterator[Compactor]:
     """A compactor at work."""
-    with on_duty(ctx) as duty, at_work(Compactor(ctx, duty)) as compactor:
+    with on_duty(ctx) as election, at_work(Compactor(ctx, election)) as compactor:
         yield compactor
 
 
@@ -189,9 +189,9 @@ def test_off_duty_nobody_waits_long_for_a_location_that_is_not_compacted(
     monkeypatch.setattr(compactor_module, "STALLED_S", 0.5)
     make_location(lively, "door")
     post_many(lively, COMPACT_POSTS)
-    with on_duty(lively) as duty:
-        until(lambda: duty.term is not None)
-        other = Duty(lively)
+    with on_duty(lively) as election:
+        until(lambda: election.term is not None)
+        other = LeaderElection(lively)
         compactor = Compactor(lively, other)
         compactor.start()
         try:
@@ -209,18 +209,18 @@ def test_it_works_while_an_update_runs(lively: Context, monkeypatch: pytest.Monk
     from tidemap.services import update
 
     begun, go_on = Event(), Event()
-    fit = update._update_chunk
+    fit = update.run_task
 
     def slow(*arguments: Any) -> Any:
         begun.set()
         assert go_on.wait(WAIT_S)
         return fit(*arguments)
 
-    monkeypatch.setattr(update, "_update_chunk", slow)
+    monkeypatch.setattr(update, "run_task", slow)
     make_location(lively, "door", estimator="static")
     post_many(lively, 1)
     with working(lively) as compactor:
-        updater = Updater(lively, compactor._duty)
+        updater = Updater(lively, compactor._election)
         updater.start()
         try:
             request_update(lively, "door", UpdateRequest())
@@ -287,7 +287,7 @@ def test_it_can_be_told_to_leave_things_alone(sqlite_url: str) -> None:
 
 
 def test_one_that_never_started_can_be_stopped(lively: Context) -> None:
-    compactor = Compactor(lively, Duty(lively))
+    compactor = Compactor(lively, LeaderElection(lively))
     assert not compactor.alive()
     compactor.stop()
 

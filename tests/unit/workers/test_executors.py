@@ -8,19 +8,24 @@ import pytest
 
 from tests.support.waiting import WAIT_S
 from tidemap.errors import ShuttingDownError
+from tidemap.services.context import Context
 from tidemap.workers.executors import LocalExecutor
 
 
+def negate(_: Context, n: int) -> int:
+    return -n
+
+
 @pytest.fixture
-def executor() -> Iterator[LocalExecutor]:
+def executor(ctx: Context) -> Iterator[LocalExecutor]:
     """Two threads."""
-    made = LocalExecutor(2)
+    made = LocalExecutor(ctx, 2)
     yield made
     made.close()
 
 
 def test_results_come_in_the_order_of_the_items(executor: LocalExecutor) -> None:
-    def task(n: int) -> int:
+    def task(_: Context, n: int) -> int:
         time.sleep(0.001 * (5 - n % 5))
         return n * n
 
@@ -30,7 +35,7 @@ def test_results_come_in_the_order_of_the_items(executor: LocalExecutor) -> None
 def test_tasks_run_at_the_same_time_in_threads_of_its_own(executor: LocalExecutor) -> None:
     begun = [Event(), Event()]
 
-    def meet(n: int) -> str:
+    def meet(_: Context, n: int) -> str:
         begun[n].set()
         assert begun[1 - n].wait(WAIT_S)
         return current_thread().name
@@ -40,7 +45,7 @@ def test_tasks_run_at_the_same_time_in_threads_of_its_own(executor: LocalExecuto
 
 @pytest.mark.parametrize("error", [ValueError("bad"), RuntimeError("bad")])
 def test_an_error_of_a_task_is_the_callers(executor: LocalExecutor, error: Exception) -> None:
-    def task(n: int) -> int:
+    def task(_: Context, n: int) -> int:
         if n == 3:
             raise error
         return n
@@ -48,13 +53,13 @@ def test_an_error_of_a_task_is_the_callers(executor: LocalExecutor, error: Excep
     results = executor.map(task, range(6))
     with pytest.raises(type(error), match="bad"):
         list(results)
-    assert list(executor.map(abs, [-1])) == [1]
+    assert list(executor.map(negate, [-1])) == [1]
 
 
-def test_closing_lets_what_runs_end_and_says_so_for_the_rest() -> None:
-    executor, begun, go_on, ended = LocalExecutor(1), Event(), Event(), []
+def test_closing_lets_what_runs_end_and_says_so_for_the_rest(ctx: Context) -> None:
+    executor, begun, go_on, ended = LocalExecutor(ctx, 1), Event(), Event(), []
 
-    def task(n: int) -> None:
+    def task(_: Context, n: int) -> None:
         begun.set()
         go_on.wait(WAIT_S)
         ended.append(n)
@@ -78,11 +83,11 @@ def test_closing_lets_what_runs_end_and_says_so_for_the_rest() -> None:
     assert ended == list(range(len(ended)))
     assert [type(error) for error in failed] == [ShuttingDownError] or len(ended) == 5
     with pytest.raises(ShuttingDownError):
-        list(executor.map(abs, [1]))
+        list(executor.map(negate, [1]))
 
 
 def test_who_checks_hears_that_nothing_more_is_to_be_started(executor: LocalExecutor) -> None:
     executor.check()
-    executor.tell_to_end()
+    executor.request_stop()
     with pytest.raises(ShuttingDownError):
         executor.check()

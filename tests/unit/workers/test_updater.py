@@ -33,11 +33,11 @@ from tidemap.services.locations import delete_location, find_location, get_locat
 from tidemap.services.predict import StateQuery, state_at
 from tidemap.services.update import UpdateRequest
 from tidemap.spectral.recipe import Recipe
-from tidemap.storage.jobs import Jobs
 from tidemap.storage.records import JobRecord, LocationRecord, RevisionRecord
+from tidemap.storage.repositories.jobs import Jobs
 from tidemap.storage.tables import history
 from tidemap.workers import updater as updater_module
-from tidemap.workers.duty import Duty
+from tidemap.workers.election import LeaderElection
 from tidemap.workers.updater import Updater, is_due
 
 STATIC = UpdateRequest(estimator="static")
@@ -46,7 +46,7 @@ STATIC = UpdateRequest(estimator="static")
 @contextmanager
 def working(ctx: Context) -> Iterator[Updater]:
     """An updater at work."""
-    with on_duty(ctx) as duty, at_work(Updater(ctx, duty)) as updater:
+    with on_duty(ctx) as election, at_work(Updater(ctx, election)) as updater:
         yield updater
 
 
@@ -220,14 +220,14 @@ def test_a_job_that_the_end_interrupts_runs_again_at_the_next_start(
     from tidemap.services import update
 
     begun, go_on = Event(), Event()
-    fit = update._update_chunk
+    fit = update.run_task
 
     def slow(*arguments: Any) -> tuple[int, int]:
         begun.set()
         go_on.wait(WAIT_S)
         return fit(*arguments)
 
-    monkeypatch.setattr(update, "_update_chunk", slow)
+    monkeypatch.setattr(update, "run_task", slow)
     with opened(sqlite_url, update_threads=1) as ctx:
         make_lab(ctx)
         with working(ctx) as updater:
@@ -238,7 +238,7 @@ def test_a_job_that_the_end_interrupts_runs_again_at_the_next_start(
             go_on.set()
         assert get_job(ctx, job.id).state == "running"
         assert "failed" not in caplog.text
-    monkeypatch.setattr(update, "_update_chunk", fit)
+    monkeypatch.setattr(update, "run_task", fit)
     with opened(sqlite_url) as ctx, working(ctx):
         done = until(lambda: finished(ctx, job.id))
         assert done.state == "done"
@@ -376,6 +376,6 @@ def test_the_updater_can_be_told_to_leave_things_alone(sqlite_url: str) -> None:
 
 
 def test_an_updater_that_never_started_can_be_stopped(ctx: Context) -> None:
-    updater = Updater(ctx, Duty(ctx))
+    updater = Updater(ctx, LeaderElection(ctx))
     assert not updater.alive()
     updater.stop()

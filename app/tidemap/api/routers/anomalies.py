@@ -10,8 +10,9 @@ from tidemap.api.dependencies import After, Ctx, Id, Limit, Operator, TimeQuery,
 from tidemap.api.encoding import JSON, to_json, with_etag
 from tidemap.schemas.anomalies import AcknowledgeForm, DetectForm, Event, Events
 from tidemap.schemas.common import Page
-from tidemap.services.anomalies import DetectQuery, EventQuery, acknowledge, detect, get_event, list_events
+from tidemap.services.anomalies import EventQuery, acknowledge, get_event, list_events
 from tidemap.services.context import Context
+from tidemap.services.detect import DetectQuery, detect
 from tidemap.services.listing import shortened
 
 router = APIRouter(tags=["anomalies"], route_class=FormRoute)

@@ -1,7 +1,5 @@
 """/locations/{name}/observations"""
 
-import asyncio
-from contextlib import suppress
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Query, Request, Response
@@ -9,13 +7,13 @@ from fastapi import APIRouter, Header, Query, Request, Response
 from tidemap.api.auth import confirming
 from tidemap.api.dependencies import Robot, posted_body
 from tidemap.api.parameters import StrictRoute
+from tidemap.api.state import state_of
 from tidemap.ingest.observation import ARROW, JSON, NPY
 from tidemap.schemas.common import Text
 from tidemap.schemas.observations import Accepted, GridObservations, StateObservations
-from tidemap.services.context import Context
 from tidemap.services.keys import Principal
 from tidemap.services.listing import most_surprising
-from tidemap.services.observe import NotQuickError, begin, begin_quick, is_quick
+from tidemap.services.observe import submit
 from tidemap.services.posts import Observed, Post
 
 router = APIRouter(prefix="/locations/{name}/observations", tags=["observations"], route_class=StrictRoute)
@@ -85,10 +83,10 @@ async def post(
 
     The same Idempotency-Key with the same body again is answered 200 with `duplicate` true; nothing is stored twice.
     """
-    with request.app.state.budget.share() as share:
+    with state_of(request).budget.share() as share:
         body = await posted_body(request, time, share)
         sent = Post(body, source or _name(robot.principal), idempotency_key, robot.claim)
-        result = await confirming(request, robot, _stored(request, name, sent))
+        result = await confirming(request, robot, submit(state_of(request).ctx, name, sent))
     return Response(_answer(result).model_dump_json(), 200 if result.duplicate else 201, media_type=JSON)
 
 
@@ -102,16 +100,6 @@ def _answer(result: Observed) -> Accepted:
         anomalies_total=len(result.anomalies),
         revision=result.revision,
     )
-
-
-async def _stored(request: Request, name: str, sent: Post) -> Observed:
-    """What becomes of a post. What takes long is done in threads that take it to its end one after the other."""
-    ctx: Context = request.app.state.ctx
-    if is_quick(ctx, name, sent):
-        with suppress(NotQuickError):
-            return await asyncio.wrap_future(begin_quick(ctx, name, sent))
-    begun = request.app.state.parsing.submit(begin, ctx, name, sent)
-    return await asyncio.wrap_future(await asyncio.wrap_future(begun))
 
 
 def _name(robot: Principal) -> str | None:

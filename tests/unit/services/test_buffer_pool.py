@@ -8,7 +8,7 @@ from threading import Barrier
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.services.lending import Lender
+from tidemap.services.buffer_pool import BufferPool
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,8 +20,8 @@ class Page:
         return self.memory.nbytes
 
 
-def lender(limit: int = 100) -> Lender[Page]:
-    return Lender(limit)
+def lender(limit: int = 100) -> BufferPool[Page]:
+    return BufferPool(limit)
 
 
 def make(n_bytes: int = 30) -> Page:
@@ -32,7 +32,7 @@ def never() -> Page:
     raise AssertionError("one was free")
 
 
-def kept(values: Lender[Page]) -> list[object]:
+def kept(values: BufferPool[Page]) -> list[object]:
     sizes = [item.value.n_bytes for shelf in values._shelves.values() for item in shelf.items]
     assert values._bytes == sum(sizes) <= values._limit
     return list(values._shelves)

@@ -1,4 +1,4 @@
-"""Duty: one process at a time, a term that ends with its lock, and nothing stored after that."""
+"""Leader election: one process at a time, a term that ends with its lock, and nothing stored after that."""
 
 import logging
 import sqlite3
@@ -14,16 +14,17 @@ from sqlalchemy.exc import OperationalError
 
 from tests.support.contexts import at_work, make_location, on_duty, post_rows, post_states
 from tests.support.waiting import WAIT_S, until
-from tidemap.errors import OffDutyError
+from tidemap.errors import NotLeaderError
 from tidemap.services import compaction
 from tidemap.services.context import Context
 from tidemap.services.jobs import claim_job, get_job, request_update
 from tidemap.services.locations import find_location
 from tidemap.services.update import UpdateRequest
+from tidemap.services.update_task import UpdateTask
 from tidemap.storage.lock import FileLock
-from tidemap.workers import duty as duty_module
+from tidemap.workers import election as election_module
 from tidemap.workers.compactor import COMPACT_POSTS, Compactor
-from tidemap.workers.duty import Duty, Term
+from tidemap.workers.election import LeaderElection, LeaderTerm
 from tidemap.workers.updater import Updater
 
 STATIC = UpdateRequest(estimator="static")
@@ -31,7 +32,7 @@ STATIC = UpdateRequest(estimator="static")
 
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(duty_module, "BEAT_S", 0.02)
+    monkeypatch.setattr(election_module, "BEAT_S", 0.02)
 
 
 def lock_file(ctx: Context) -> Path:
@@ -40,7 +41,7 @@ def lock_file(ctx: Context) -> Path:
 
 @contextmanager
 def held_elsewhere(ctx: Context) -> Iterator[FileLock]:
-    """Another process is on duty, until its lock is released."""
+    """Another process leads, until its lock is released."""
     other = FileLock(ctx.settings.url, lock_file(ctx))
     assert other.take() is not None
     try:
@@ -49,12 +50,12 @@ def held_elsewhere(ctx: Context) -> Iterator[FileLock]:
         other.release()
 
 
-def take_away(ctx: Context, duty: Duty) -> Term:
+def take_away(ctx: Context, election: LeaderElection) -> LeaderTerm:
     """Have it lose its lock, and notice; the term that it had."""
-    term = duty.term
+    term = election.term
     assert term is not None
     lock_file(ctx).unlink()
-    until(lambda: duty.term is not term)
+    until(lambda: election.term is not term)
     return term
 
 
@@ -66,7 +67,7 @@ def steal(ctx: Context, other: FileLock) -> bool:
 
 def test_the_first_has_the_duty_and_the_second_after_it(ctx: Context) -> None:
     begun = Event()
-    second = Duty(ctx)
+    second = LeaderElection(ctx)
     second.on_begin(begun.set)
     with on_duty(ctx) as first:
         until(lambda: first.term is not None)
@@ -76,7 +77,7 @@ def test_the_first_has_the_duty_and_the_second_after_it(ctx: Context) -> None:
         assert not begun.is_set()
         term = first.term
     assert term is not None
-    with pytest.raises(OffDutyError):
+    with pytest.raises(NotLeaderError):
         term.check()
     try:
         assert begun.wait(WAIT_S)
@@ -91,31 +92,31 @@ def test_the_first_has_the_duty_and_the_second_after_it(ctx: Context) -> None:
 
 def test_a_term_ends_with_its_lock(ctx: Context, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.DEBUG)
-    with on_duty(ctx) as duty:
-        until(lambda: duty.term is not None)
-        old = take_away(ctx, duty)
-        with pytest.raises(OffDutyError):
+    with on_duty(ctx) as election:
+        until(lambda: election.term is not None)
+        old = take_away(ctx, election)
+        with pytest.raises(NotLeaderError):
             old.check()
-        until(lambda: duty.term is not None)
-        assert duty.term is not None
-        duty.term.check()
-        with pytest.raises(OffDutyError):
+        until(lambda: election.term is not None)
+        assert election.term is not None
+        election.term.check()
+        with pytest.raises(NotLeaderError):
             old.limit(ctx).store.write(lambda work: None)
-        duty.term.limit(ctx).store.write(lambda work: None)
+        election.term.limit(ctx).store.write(lambda work: None)
     assert caplog.text.count("does the background work from now on") == 2
     assert caplog.text.count("does the background work no longer") == 1
 
 
 def test_who_hears_from_the_database_that_another_began_gives_up(ctx: Context) -> None:
     """The lock seems to be held still: somebody has removed its file."""
-    with on_duty(ctx) as duty:
-        until(lambda: duty.term is not None)
-        term = duty.term
+    with on_duty(ctx) as election:
+        until(lambda: election.term is not None)
+        term = election.term
         assert term is not None
         ctx.store.write(lambda work: work.terms.begin())
-        with pytest.raises(OffDutyError):
+        with pytest.raises(NotLeaderError):
             term.limit(ctx).store.write(lambda work: None)
-        until(lambda: duty.term is not None and duty.term is not term)
+        until(lambda: election.term is not None and election.term is not term)
 
 
 def make_lab(ctx: Context) -> None:
@@ -130,22 +131,22 @@ def test_an_update_whose_term_ends_publishes_nothing_and_runs_again(
     from tidemap.services import update
 
     begun, go_on = Event(), Event()
-    fit = update._update_chunk
+    fit = update.run_task
     fitted: list[int] = []
 
-    def slow(ctx: Context, plan: Any, chunk: int) -> Any:
+    def slow(ctx: Context, task: UpdateTask) -> Any:
         begun.set()
         assert go_on.wait(WAIT_S)
-        fitted.append(plan.number)
-        return fit(ctx, plan, chunk)
+        fitted.append(task.plan.number)
+        return fit(ctx, task)
 
-    monkeypatch.setattr(update, "_update_chunk", slow)
+    monkeypatch.setattr(update, "run_task", slow)
     make_lab(lively)
-    with on_duty(lively) as duty, at_work(Updater(lively, duty)):
+    with on_duty(lively) as election, at_work(Updater(lively, election)):
         job = request_update(lively, "lab", STATIC)
         assert begun.wait(WAIT_S)
-        take_away(lively, duty)
-        until(lambda: duty.term is not None)
+        take_away(lively, election)
+        until(lambda: election.term is not None)
         assert find_location(lively, "lab").revision == 0
         go_on.set()
         until(lambda: get_job(lively, job.id).state == "done")
@@ -162,7 +163,7 @@ def test_jobs_that_others_run_are_left_alone(lively: Context) -> None:
     post_states(lively, "door", [0.0, 60.0], [0, 1])
     job = request_update(lively, "door", STATIC)
     claim_job(lively, frozenset())
-    with held_elsewhere(lively) as other, on_duty(lively) as duty, at_work(Updater(lively, duty)) as updater:
+    with held_elsewhere(lively) as other, on_duty(lively) as election, at_work(Updater(lively, election)) as updater:
         time.sleep(0.2)
         assert updater.alive()
         assert get_job(lively, job.id).state == "running"
@@ -171,14 +172,14 @@ def test_jobs_that_others_run_are_left_alone(lively: Context) -> None:
 
 
 def test_jobs_that_the_holder_between_left_run_again(lively: Context) -> None:
-    """This process was on duty before, and had left nothing running."""
+    """This process led before, and had left nothing running."""
     make_location(lively, "door")
     post_states(lively, "door", [0.0, 60.0], [0, 1])
-    with on_duty(lively) as duty, at_work(Updater(lively, duty)) as updater:
+    with on_duty(lively) as election, at_work(Updater(lively, election)) as updater:
         until(lambda: updater._settled is not None)
         other = FileLock(lively.settings.url, lock_file(lively))
         until(lambda: steal(lively, other))
-        until(lambda: duty.term is None)
+        until(lambda: election.term is None)
         job = request_update(lively, "door", STATIC)
         assert claim_job(lively, frozenset()) is not None
         other.release()
@@ -187,11 +188,11 @@ def test_jobs_that_the_holder_between_left_run_again(lively: Context) -> None:
 
 def test_off_duty_too_it_finds_out_when_the_database_can_be_written_again(lively: Context) -> None:
     """A server that is not ready gets no posts that would show it."""
-    with held_elsewhere(lively), on_duty(lively) as duty, at_work(Updater(lively, duty)):
+    with held_elsewhere(lively), on_duty(lively) as election, at_work(Updater(lively, election)):
         lively.store._writer.trouble.failed(OperationalError("INSERT", {}, sqlite3.OperationalError("disk is full")))
         assert lively.store.trouble() is not None
         until(lambda: lively.store.trouble() is None)
-        assert duty.term is None
+        assert election.term is None
 
 
 def test_off_duty_nothing_is_compacted_but_posts_are_slowed_down(
@@ -199,7 +200,11 @@ def test_off_duty_nothing_is_compacted_but_posts_are_slowed_down(
 ) -> None:
     monkeypatch.setattr("tidemap.workers.compactor.LATE_MEASUREMENTS", 100)
     make_location(lively, "door")
-    with held_elsewhere(lively) as other, on_duty(lively) as duty, at_work(Compactor(lively, duty)) as compactor:
+    with (
+        held_elsewhere(lively) as other,
+        on_duty(lively) as election,
+        at_work(Compactor(lively, election)) as compactor,
+    ):
         for _ in range(COMPACT_POSTS):
             post_states(lively, "door", [0.0], [1])
         until(lambda: compactor._waiting == COMPACT_POSTS)
@@ -221,8 +226,8 @@ def test_a_compaction_whose_term_ends_stores_nothing(ctx: Context, monkeypatch: 
         return merge(*arguments)
 
     monkeypatch.setattr(compaction, "merge", merged)
-    mine = Term(ctx.store.write(lambda work: work.terms.begin())).limit(ctx)
-    with pytest.raises(OffDutyError):
+    mine = LeaderTerm(ctx.store.write(lambda work: work.terms.begin())).limit(ctx)
+    with pytest.raises(NotLeaderError):
         compaction.compact(mine, find_location(ctx, "lab"))
     assert find_location(ctx, "lab").compacted_seq == 0
     assert begun

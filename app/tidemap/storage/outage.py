@@ -1,4 +1,4 @@
-"""Trouble: whether the database can be used, as the last try showed; the log hears of changes, not of every try."""
+"""Outages: whether the database can be used, as the last try showed. Changes are logged, not every try."""
 
 import logging
 import sqlite3
@@ -9,12 +9,12 @@ from sqlalchemy.exc import DBAPIError, OperationalError
 log = logging.getLogger(__name__)
 
 
-def means_trouble(error: BaseException) -> bool:
+def is_outage(error: BaseException) -> bool:
     """Whether the database is away or cannot work, rather than having been asked something wrong."""
     return isinstance(error, OperationalError) or (isinstance(error, DBAPIError) and error.connection_invalidated)
 
 
-class Trouble:
+class OutageTracker:
     """What is wrong with one way of using the database, such as `written`."""
 
     def __init__(self, used: str) -> None:

@@ -1,4 +1,4 @@
-"""Lending: large values are written anew for whoever asks, instead of made anew.
+"""Buffer pool: large buffers are written again instead of made again.
 
 Memory that is new to the process costs more than what is written there: the system clears every page of it.
 """
@@ -29,14 +29,14 @@ Value = TypeVar("Value", bound=Lendable)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Loan(Generic[Value]):
+class BufferLease(Generic[Value]):
     """A value that nobody else gets while anybody has `memory` (n,), read-only, or anything made of that."""
 
     value: Value
     memory: Bytes
 
 
-class Lender(Generic[Value]):
+class BufferPool(Generic[Value]):
     """Values by key, each lent to one at a time; those of the keys that were asked for least recently are dropped once
     `limit` bytes are exceeded, and what is lent of them meanwhile stays as it is."""
 
@@ -46,7 +46,7 @@ class Lender(Generic[Value]):
         self._shelves: OrderedDict[Hashable, _Shelf[Value]] = OrderedDict()
         self._bytes = 0
 
-    def borrow(self, key: Hashable, version: Hashable, make: Callable[[], Value]) -> Loan[Value]:
+    def borrow(self, key: Hashable, version: Hashable, make: Callable[[], Value]) -> BufferLease[Value]:
         """A value of `key` in this version; made, outside of any lock, where none is free.
 
         One version of a key is kept at a time, so that what is out of date takes no room.
@@ -100,12 +100,12 @@ class _Item(Generic[Value]):
         """Whether nobody has anything of what was lent."""
         return self._lent is None or self._lent() is None
 
-    def lend(self) -> Loan[Value]:
+    def lend(self) -> BufferLease[Value]:
         """The value with its memory as an array of which nobody has anything yet."""
         # An array over a memoryview, not a slice of an array: whatever is made of it holds on to it.
         memory = np.frombuffer(self.value.memory.data.toreadonly(), np.uint8)
         self._lent = ref(memory)
-        return Loan(self.value, memory)
+        return BufferLease(self.value, memory)
 
 
 @dataclass(slots=True, eq=False)

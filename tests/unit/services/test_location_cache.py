@@ -1,8 +1,8 @@
-"""Places: what was read is believed for a moment, and no longer than until something changes."""
+"""Location cache: records that are read once a second at most, and anew once this process changes one."""
 
 from typing import Any, cast
 
-from tidemap.services.places import BELIEVED_S, Places
+from tidemap.services.location_cache import BELIEVED_S, LocationCache
 from tidemap.storage.records import LocationRecord
 
 
@@ -12,7 +12,7 @@ class Readings:
     def __init__(self) -> None:
         self.count = 0
         self.now = 0.0
-        self.places = Places(lambda: self.now, most=3)
+        self.places = LocationCache(lambda: self.now, most=3)
 
     def read(self, name: str) -> LocationRecord:
         self.count += 1

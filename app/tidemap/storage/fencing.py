@@ -1,8 +1,8 @@
-"""Terms: of the processes on a database the last to begin one does the background work, and nobody else's is stored."""
+"""Fencing tokens: the numbers of leader terms. What belongs to an earlier term than the latest is not stored."""
 
 from sqlalchemy import Connection, select
 
-from tidemap.errors import OffDutyError
+from tidemap.errors import NotLeaderError
 from tidemap.storage.counters import take
 from tidemap.storage.tables import counter
 
@@ -11,7 +11,7 @@ _NAME = "background"
 _CURRENT = select(counter.c.value).where(counter.c.name == _NAME).with_for_update(read=True)
 
 
-class Terms:
+class FencingTokens:
     """The numbers of terms, which grow."""
 
     def __init__(self, connection: Connection) -> None:
@@ -22,6 +22,6 @@ class Terms:
         return take(self._connection, _NAME)
 
     def confirm(self, number: int) -> None:
-        """Raises OffDutyError where a later term has begun; otherwise none does before this transaction has ended."""
+        """Raises NotLeaderError where a later term has begun; otherwise none does before this transaction has ended."""
         if self._connection.execute(_CURRENT).scalar() != number:
-            raise OffDutyError
+            raise NotLeaderError

@@ -1,29 +1,29 @@
-"""Sheets: the state of a whole map as it is sent, of which a question rewrites what has waves and leaves the rest."""
+"""State buffers: the state of a whole map as it is sent. A question rewrites only the cells that have waves."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.formats.arrow import Sheet, labels
+from tidemap.formats.arrow import ArrowBuffer, labels
 from tidemap.spectral.prediction import VERDICTS, StateColumns, known, state, verdict, write_waves
 from tidemap.spectral.prediction import probability as on_link
 from tidemap.spectral.spectrum import Spectrum
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MapSheet:
+class StateBuffer:
     """The Arrow columns cell, probability, state and verdict of the cells of one spectrum that have been observed.
 
     at (n_varying,) int32: the rows of those that have waves. What is said of the others holds at every time.
     """
 
-    arrow: Sheet
+    arrow: ArrowBuffer
     at: NDArray[np.int32]
     confidence: float
 
     @classmethod
-    def of(cls, spectrum: Spectrum, confidence: float) -> "MapSheet":
+    def of(cls, spectrum: Spectrum, confidence: float) -> "StateBuffer":
         """A new one, on which nothing is said yet of cells with waves."""
         cells = known(spectrum)
         standing = on_link(spectrum, spectrum.mean[cells])
@@ -33,7 +33,7 @@ class MapSheet:
             "state": state(standing, confidence),
             "verdict": labels(verdict(standing, confidence), VERDICTS),
         }
-        return cls(Sheet.of(columns), np.searchsorted(cells, spectrum.cell).astype(np.int32), confidence)
+        return cls(ArrowBuffer.of(columns), np.searchsorted(cells, spectrum.cell).astype(np.int32), confidence)
 
     @property
     def memory(self) -> NDArray[np.uint8]:

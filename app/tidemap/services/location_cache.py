@@ -1,4 +1,4 @@
-"""Places: the locations that were posted to lately, so that a post need not read before it is stored."""
+"""Location cache: the locations that were posted to lately, so that a post need not read before it is stored."""
 
 import time
 from collections import OrderedDict
@@ -11,7 +11,7 @@ BELIEVED_S = 1.0
 MOST = 10_000
 
 
-class Places:
+class LocationCache:
     """Records by name, whose settings and revision are as they were a moment ago; their counters may be older.
 
     May be shared by threads.

@@ -1,11 +1,11 @@
-"""Duty: whether it is this process that does the background work of its database, and since when."""
+"""Leader election: one process at a time does the background work of a database."""
 
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from threading import Event
 
-from tidemap.errors import OffDutyError
+from tidemap.errors import NotLeaderError
 from tidemap.services.context import Context
 from tidemap.storage.lock import Lock, open_lock
 from tidemap.storage.work import Work
@@ -17,45 +17,45 @@ BEAT_S = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Term:
-    """A time on duty. Once it is over nothing of its work is stored, even where this process does not know yet."""
+class LeaderTerm:
+    """A time as the leader. Once it is over, nothing of its work is stored, even before this process knows."""
 
     number: int
     _over: Event = field(default_factory=Event)
 
     def check(self) -> None:
-        """Raises OffDutyError once it is known to be over."""
+        """Raises NotLeaderError once it is known to be over."""
         if self._over.is_set():
-            raise OffDutyError
+            raise NotLeaderError
 
     def end(self) -> None:
         """It is over."""
         self._over.set()
 
     def limit(self, ctx: Context) -> Context:
-        """The same context, of which writes that come after the term's end are refused."""
-        return replace(ctx, store=ctx.store.guarded(self._confirm))
+        """The same context, but writes after the end of the term are refused."""
+        return replace(ctx, store=ctx.store.guarded(self._confirm), term=self.number)
 
     def _confirm(self, work: Work) -> None:
         try:
             work.terms.confirm(self.number)
-        except OffDutyError:
+        except NotLeaderError:
             self.end()
             raise
 
 
-class Duty:
-    """One thread that takes the lock when it is free, and asks all the time whether it still holds it."""
+class LeaderElection:
+    """One thread that takes the lock when it is free, and checks every second that it still holds it."""
 
     def __init__(self, ctx: Context) -> None:
         self._lock: Lock = open_lock(ctx.settings.url)
         self._worker = Worker("watch", BEAT_S, self._beat)
-        self._term: Term | None = None
+        self._term: LeaderTerm | None = None
         self._listeners: tuple[Callable[[], None], ...] = ()
 
     @property
-    def term(self) -> Term | None:
-        """The term that this process is in; None where another does the work, or nobody can."""
+    def term(self) -> LeaderTerm | None:
+        """The term of this process; None where another process leads, or none can."""
         return self._term
 
     def on_begin(self, listener: Callable[[], None]) -> None:
@@ -67,8 +67,8 @@ class Duty:
         self._worker.start()
 
     def stop(self) -> None:
-        """Leave it to others, once what was done on duty has ended."""
-        self._worker.tell_to_end()
+        """Leave the work to others. Stop what works in the term first."""
+        self._worker.request_stop()
         self._worker.join()
         self._leave()
 
@@ -83,17 +83,17 @@ class Duty:
             self._leave()
         number = self._lock.take()
         if number is not None:
-            self._term = Term(number)
+            self._term = LeaderTerm(number)
             level = logging.INFO if self._lock.shared else logging.DEBUG
             log.log(level, "this process does the background work from now on (term %d)", number)
             for listener in self._listeners:
                 listener()
 
-    def _goes_on(self, term: Term) -> bool:
+    def _goes_on(self, term: LeaderTerm) -> bool:
         try:
             term.check()
             held = self._lock.held()
-        except OffDutyError:
+        except NotLeaderError:
             held = False
         if not held:
             log.warning("this process does the background work no longer (term %d): its lock was lost", term.number)

@@ -14,7 +14,7 @@ from tidemap.schemas.locations import LocationPatch
 from tidemap.services.context import Context
 from tidemap.services.locations import change_location
 from tidemap.services.predict import StateQuery, StateView, ask, sheet_of, state_at
-from tidemap.services.sheets import MapSheet
+from tidemap.services.state_buffer import StateBuffer
 from tidemap.services.warm import warm
 from tidemap.spectral import kernels
 from tidemap.spectral.prediction import VERDICTS
@@ -102,7 +102,7 @@ def test_boxes_and_what_was_seen_are_no_matter_for_sheets(ctx: Context) -> None:
 
 def test_a_map_of_which_nothing_was_seen() -> None:
     nothing = blank(some_spectrum(), 5)
-    sheet = MapSheet.of(nothing, 0.9)
+    sheet = StateBuffer.of(nothing, 0.9)
     sheet.write(nothing, 0.0, threads=1)
     with pa.ipc.open_stream(sheet.arrow.head(FACTS) + sheet.memory.tobytes()) as reader:
         table = reader.read_all()
@@ -114,9 +114,9 @@ def test_waves_of_cells_that_were_never_seen_say_nothing() -> None:
     mean = spectrum.mean.copy()
     mean[[0, 2]] = np.nan
     hidden = replace(spectrum, mean=mean)
-    sheet = MapSheet.of(hidden, 0.6)
+    sheet = StateBuffer.of(hidden, 0.6)
     sheet.write(hidden, 1e6, threads=1)
-    whole = MapSheet.of(spectrum, 0.6)
+    whole = StateBuffer.of(spectrum, 0.6)
     whole.write(spectrum, 1e6, threads=1)
     assert sheet.arrow.columns["cell"].tolist() == [1, 3]
     for name in ("probability", "state", "verdict"):

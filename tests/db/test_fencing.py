@@ -1,4 +1,4 @@
-"""Terms: what is written in one that has ended is refused, and a new one waits for what is under way."""
+"""Fencing tokens: writes of a term that has ended are refused, and a new term waits for what is under way."""
 
 from concurrent.futures import ThreadPoolExecutor, wait
 from threading import Event
@@ -7,7 +7,7 @@ import pytest
 from sqlalchemy import select
 
 from tests.support.waiting import WAIT_S
-from tidemap.errors import OffDutyError
+from tidemap.errors import NotLeaderError
 from tidemap.storage.counters import take
 from tidemap.storage.store import Store
 from tidemap.storage.tables import counter
@@ -39,10 +39,10 @@ def test_every_term_has_a_later_number(store: Store) -> None:
 
 
 def test_only_the_latest_is_confirmed(store: Store) -> None:
-    with store.read() as work, pytest.raises(OffDutyError):
+    with store.read() as work, pytest.raises(NotLeaderError):
         work.terms.confirm(1)
     first, second = begin(store), begin(store)
-    with pytest.raises(OffDutyError):
+    with pytest.raises(NotLeaderError):
         store.write(lambda work: work.terms.confirm(first))
     store.write(lambda work: work.terms.confirm(second))
 
@@ -54,7 +54,7 @@ def test_a_guarded_store_writes_in_its_term_alone(store: Store) -> None:
     assert taken(store) == 2
     later = in_term(store, begin(store))
     for write in (mine.write, lambda run: mine.submit(run).result(WAIT_S)):
-        with pytest.raises(OffDutyError):
+        with pytest.raises(NotLeaderError):
             write(count)
     assert taken(store) == 2
     later.write(count)
@@ -70,7 +70,7 @@ def test_what_a_guard_refuses_takes_nothing_else_along(store: Store) -> None:
     refused, stored = old.submit(count), store.submit(count)
     go_on.set()
     assert held.result(WAIT_S)
-    with pytest.raises(OffDutyError):
+    with pytest.raises(NotLeaderError):
         refused.result(WAIT_S)
     assert stored.result(WAIT_S) == 1
     assert taken(store) == 1

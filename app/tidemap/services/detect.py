@@ -1,0 +1,92 @@
+"""Detect: search a part of the history for events; nothing is stored."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from tidemap.errors import CorruptChunkError, InvalidInputError, refuse_reversed
+from tidemap.history.history import UNOBSERVED
+from tidemap.schemas.anomalies import Event
+from tidemap.services.anomalies import wire
+from tidemap.services.context import Context
+from tidemap.services.history import read_history, window
+from tidemap.services.judge import Criterion, Marks, group
+from tidemap.services.spectra import Fitted, fitted
+from tidemap.spectral.anomaly import Rule, is_anomalous
+from tidemap.spectral.prediction import predict_times
+from tidemap.storage.records import CHUNK_CELLS, LocationRecord
+
+MAX_MARKS = 2_000_000
+"""Surprising cells that one search may find."""
+BLOCK_VALUES = 1 << 22
+"""Probabilities that a search holds at once."""
+
+
+@dataclass(frozen=True, slots=True)
+class DetectQuery:
+    """Which part of the history to search, times [start, stop); None: the location's or the revision's own."""
+
+    start: float
+    stop: float
+    confidence: float | None = None
+    rule: Rule = "surprise"
+    order: int | None = None
+    estimator: str | None = None
+
+
+def detect(ctx: Context, name: str, query: DetectQuery) -> tuple[list[Event], int]:
+    """The events of the history and the revision they were judged by; nothing is stored.
+
+    Chunks that are damaged are left out.
+    Raises LocationNotFoundError, NoModelError, InvalidInputError, CorruptChunkError where there is one chunk only.
+    """
+    refuse_reversed(query.start, query.stop)
+    model = fitted(ctx, name, query.estimator, query.order)
+    place = model.place
+    confidence = place.confidence if query.confidence is None else query.confidence
+    criterion = Criterion(confidence, query.rule, model.revision.revision)
+    first, last = window(ctx, place)
+    start, stop = max(first, int(place.base.sample(query.start))), min(last, _ceiling(place, query.stop))
+    parts: list[Marks] = []
+    found = 0
+    for chunk in range(place.n_chunks):
+        try:
+            for part in _search(ctx, model, chunk, start, stop, criterion):
+                parts.append(part)
+                found += len(part.cell)
+                if found > MAX_MARKS:
+                    raise InvalidInputError.at("stop", "more than two million anomalous cells; search a shorter time")
+        except CorruptChunkError:
+            if place.n_chunks == 1:
+                raise
+    marks = _joined(parts)
+    return [wire(place, event) for event in group(place, marks, criterion)], model.revision.revision
+
+
+def _ceiling(place: LocationRecord, time: float) -> int:
+    """The first sample that starts at or after a time."""
+    sample = int(place.base.sample(time))
+    return sample if float(place.base.time(sample)) == time else sample + 1
+
+
+def _search(ctx: Context, model: Fitted, chunk: int, start: int, stop: int, criterion: Criterion) -> Iterator[Marks]:
+    """The marks of a chunk, block by block of time."""
+    place = model.place
+    size = place.chunk_size(chunk)
+    step = max(1, BLOCK_VALUES // size)
+    for low in range(start, stop, step):
+        high = min(low + step, stop)
+        states = read_history(ctx, place, chunk, low, high).states()
+        cells = chunk * CHUNK_CELLS + np.arange(size)
+        probability = predict_times(model.spectrum, place.base.time(np.arange(low, high)), cells)
+        marked = (states != UNOBSERVED) & is_anomalous(probability, states, criterion.confidence, criterion.rule)
+        row, column = np.nonzero(marked)
+        yield Marks(low + column, cells[row], states[row, column], probability[row, column])
+
+
+def _joined(parts: list[Marks]) -> Marks:
+    if not parts:
+        empty = np.empty(0, np.int64)
+        return Marks(empty, empty, np.empty(0, np.uint8), np.empty(0, np.float32))
+    return Marks(*(np.concatenate([getattr(part, field) for part in parts]) for field in Marks.__dataclass_fields__))

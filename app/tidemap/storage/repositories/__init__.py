@@ -1,0 +1,1 @@
+"""Repositories: one a table or two, on one connection."""
