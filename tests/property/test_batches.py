@@ -16,7 +16,7 @@ from tidemap.spectral import prediction, transform
 from tidemap.spectral.auto.blending import blend
 from tidemap.spectral.auto.selection import choose
 from tidemap.spectral.auto.trials import task
-from tidemap.spectral.calendar.estimator import estimator, logistic
+from tidemap.spectral.calendar import estimator, logistic
 from tidemap.spectral.calendar.products import pack, product
 from tidemap.spectral.estimators import ESTIMATORS, fit_recipe
 from tidemap.spectral.model import refit
