@@ -10,7 +10,7 @@ from starlette.requests import HTTPConnection
 from tidemap.api.auth import COOKIE, counting_wrong_keys, of_connection, refuse_other_sites
 from tidemap.errors import ForbiddenError, TidemapError, UnauthorizedError
 from tidemap.services.context import Context
-from tidemap.services.keys import OPEN, SESSION_S, Principal, allows, by_secret, session_of
+from tidemap.services.keys import OPEN, SESSION_S, Principal, allows, by_secret, end_session, start_session
 
 NO_STORE = {"Cache-Control": "no-store"}
 
@@ -82,7 +82,7 @@ def sign_in(ctx: Context, request: Request, secret: str, then: str) -> Response:
     answer = RedirectResponse(then, 303, NO_STORE)
     answer.set_cookie(
         COOKIE,
-        session_of(ctx, secret),
+        start_session(ctx, secret),
         max_age=int(SESSION_S),
         httponly=True,
         samesite="strict",
@@ -91,8 +91,11 @@ def sign_in(ctx: Context, request: Request, secret: str, then: str) -> Response:
     return answer
 
 
-def sign_out() -> Response:
-    """Forget a browser."""
+def sign_out(ctx: Context, request: Request) -> Response:
+    """End a browser's session. Raises OtherSiteError."""
+    refuse_other_sites(request)
+    if token := request.cookies.get(COOKIE):
+        end_session(ctx, token)
     answer = RedirectResponse("/login", 303, NO_STORE)
     answer.delete_cookie(COOKIE, httponly=True, samesite="strict")
     return answer
