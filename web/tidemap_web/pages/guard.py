@@ -1,5 +1,6 @@
 """Who may see the pages: anybody on a server without keys, else whoever signed in with an operator's key."""
 
+import re
 from typing import Any
 from urllib.parse import quote, urlsplit
 
@@ -12,6 +13,7 @@ from tidemap.errors import ForbiddenError, TidemapError, UnauthorizedError
 from tidemap.services.context import Context
 from tidemap.services.keys import OPEN, SESSION_S, Principal, allows, by_secret, end_session, start_session
 
+_PAGE = re.compile(r"/(\?[^\\#]*)?|/locations/[^/\\?#]+(\?[^\\#]*)?|/view/?(\?[^\\#]*)?|/api/docs")
 NO_STORE = {"Cache-Control": "no-store"}
 
 
@@ -102,13 +104,12 @@ def sign_out(ctx: Context, request: Request) -> Response:
 
 
 def local(address: str) -> str:
-    """An address on this server, or the first page: nobody is sent elsewhere.
+    """The address of one of our pages, or the first page: nobody is sent elsewhere.
 
-    >>> local("/locations/lab?cell=3"), local("//evil.example"), local("https://evil.example"), local("/\\\\evil")
+    >>> local("/locations/lab?cell=3"), local("//evil.example"), local("/\\\\evil"), local("/view/scene/?websocket=x")
     ('/locations/lab?cell=3', '/', '/', '/')
     """
-    inside = address.startswith("/") and not address.startswith("//") and "\\" not in address
-    return address if inside and address.isprintable() else "/"
+    return address if _PAGE.fullmatch(address) and address.isprintable() else "/"
 
 
 def _login(address: str) -> str:
