@@ -1,5 +1,6 @@
 """Who asks, and may they: bearer keys and browser sessions, pages of other sites, too many requests."""
 
+import asyncio
 from collections.abc import Awaitable, Callable, Coroutine, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -7,12 +8,13 @@ from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
 from fastapi import Request
+from sqlalchemy.exc import SQLAlchemyError
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import HTTPConnection
 
 from tidemap.api.limits import Limits, Senders
 from tidemap.api.state import state_of
-from tidemap.errors import ForbiddenError, OtherSiteError, UnauthorizedError
+from tidemap.errors import ForbiddenError, OtherSiteError, TidemapError, UnauthorizedError
 from tidemap.schemas.keys import Role
 from tidemap.services.context import Context
 from tidemap.services.keys import OPEN, Claim, Principal, allows, by_secret, by_session, digest_of, is_open
@@ -20,6 +22,8 @@ from tidemap.settings import Settings, is_loopback
 
 Answer = TypeVar("Answer")
 COOKIE = "tidemap_session"
+RECHECK_S = 2.0
+ENDED = (4401, "the key or session has ended; sign in again")
 READING = frozenset({"GET", "HEAD", "OPTIONS"})
 
 
@@ -46,6 +50,32 @@ def require(role: Role) -> Callable[[Request], Principal]:
         return principal
 
     return check
+
+
+async def until_ended(connection: HTTPConnection) -> None:
+    """Ends soon after the key or session that opened a socket does: revoked, expired or signed out, on any server.
+
+    Asks the database every RECHECK_S; while that fails the socket stays.
+    """
+    opened_by = await run_in_threadpool(of_connection, connection)
+    while True:
+        await asyncio.sleep(RECHECK_S)
+        try:
+            if await run_in_threadpool(_look_up, connection) != opened_by:
+                return
+        except (UnauthorizedError, OtherSiteError):
+            return
+        except (TidemapError, SQLAlchemyError):
+            continue
+
+
+def _look_up(connection: HTTPConnection) -> Principal:
+    """Who holds what a connection sent, as it is now; not counted. Raises UnauthorizedError."""
+    ctx = state_of(connection).ctx
+    secret = _bearer(connection)
+    if secret is not None:
+        return by_secret(ctx, secret)
+    return OPEN if is_open(ctx) else by_session(ctx, connection.cookies.get(COOKIE, ""))
 
 
 def _check_role(principal: Principal, role: Role) -> None:

@@ -11,7 +11,7 @@ from fastapi import APIRouter, WebSocket
 from starlette.concurrency import run_in_threadpool
 from starlette.websockets import WebSocketDisconnect, WebSocketState
 
-from tidemap.api.auth import of_connection
+from tidemap.api.auth import ENDED, of_connection, until_ended
 from tidemap.api.dependencies import cursor
 from tidemap.api.errors import domain_response
 from tidemap.api.parameters import refuse_unknown
@@ -116,18 +116,26 @@ def _wish(ctx: Context, socket: WebSocket) -> Wish:
 
 async def _stream(ctx: Context, socket: WebSocket, wish: Wish, backlog: Backlog) -> None:
     sender = asyncio.create_task(_send(ctx, socket, wish, backlog))
-    tasks = [sender, asyncio.create_task(_until_gone(socket)), asyncio.create_task(backlog.overflowed.wait())]
+    ended = asyncio.create_task(until_ended(socket))
+    tasks = [sender, ended, asyncio.create_task(_until_gone(socket)), asyncio.create_task(backlog.overflowed.wait())]
     try:
         await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        code, reason = _why(backlog, ended)
     finally:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
     if socket.application_state is not WebSocketState.CONNECTED or socket.client_state is not WebSocketState.CONNECTED:
         return
-    code, reason = (TOO_SLOW, "too slow; resume with ?after=") if backlog.overflowed.is_set() else (1011, "failed")
     with suppress(TimeoutError, RuntimeError, WebSocketDisconnect):
         await asyncio.wait_for(socket.close(code, reason), CLOSE_S)
+
+
+def _why(backlog: Backlog, ended: asyncio.Task[None]) -> tuple[int, str]:
+    """The code and reason to close with."""
+    if backlog.overflowed.is_set():
+        return TOO_SLOW, "too slow; resume with ?after="
+    return ENDED if ended.done() else (1011, "failed")
 
 
 async def _send(ctx: Context, socket: WebSocket, wish: Wish, backlog: Backlog) -> None:

@@ -162,6 +162,16 @@ api_key = Table(
     Column("created_at", Float(53), nullable=False),
 )
 
+# Browsers that are signed in, by the hash of their cookie: who reads a copy of this table cannot make the cookie.
+session = Table(
+    "session",
+    metadata,
+    Column("hash", LargeBinary(32), primary_key=True),
+    Column("key_id", BigInt, nullable=False),
+    Column("expires_at", Float(53), nullable=False),
+    Index("ix_session_key", "key_id"),
+)
+
 # Counters whose row lock makes ids grow in commit order, so that a reader's cursor never skips one.
 counter = Table(
     "counter",

@@ -1,5 +1,6 @@
 """Who may see the pages: anybody on a server without keys, else whoever signed in with an operator's key."""
 
+import re
 from typing import Any
 from urllib.parse import quote, urlsplit
 
@@ -10,8 +11,9 @@ from starlette.requests import HTTPConnection
 from tidemap.api.auth import COOKIE, counting_wrong_keys, of_connection, refuse_other_sites
 from tidemap.errors import ForbiddenError, TidemapError, UnauthorizedError
 from tidemap.services.context import Context
-from tidemap.services.keys import OPEN, SESSION_S, Principal, allows, by_secret, session_of
+from tidemap.services.keys import OPEN, SESSION_S, Principal, allows, by_secret, end_session, start_session
 
+_PAGE = re.compile(r"/(\?[^\\#]*)?|/locations/[^/\\?#]+(\?[^\\#]*)?|/view/?(\?[^\\#]*)?|/api/docs")
 NO_STORE = {"Cache-Control": "no-store"}
 
 
@@ -82,7 +84,7 @@ def sign_in(ctx: Context, request: Request, secret: str, then: str) -> Response:
     answer = RedirectResponse(then, 303, NO_STORE)
     answer.set_cookie(
         COOKIE,
-        session_of(ctx, secret),
+        start_session(ctx, secret),
         max_age=int(SESSION_S),
         httponly=True,
         samesite="strict",
@@ -91,21 +93,23 @@ def sign_in(ctx: Context, request: Request, secret: str, then: str) -> Response:
     return answer
 
 
-def sign_out() -> Response:
-    """Forget a browser."""
+def sign_out(ctx: Context, request: Request) -> Response:
+    """End a browser's session. Raises OtherSiteError."""
+    refuse_other_sites(request)
+    if token := request.cookies.get(COOKIE):
+        end_session(ctx, token)
     answer = RedirectResponse("/login", 303, NO_STORE)
     answer.delete_cookie(COOKIE, httponly=True, samesite="strict")
     return answer
 
 
 def local(address: str) -> str:
-    """An address on this server, or the first page: nobody is sent elsewhere.
+    """The address of one of our pages, or the first page: nobody is sent elsewhere.
 
-    >>> local("/locations/lab?cell=3"), local("//evil.example"), local("https://evil.example"), local("/\\\\evil")
+    >>> local("/locations/lab?cell=3"), local("//evil.example"), local("/\\\\evil"), local("/view/scene/?websocket=x")
     ('/locations/lab?cell=3', '/', '/', '/')
     """
-    inside = address.startswith("/") and not address.startswith("//") and "\\" not in address
-    return address if inside and address.isprintable() else "/"
+    return address if _PAGE.fullmatch(address) and address.isprintable() else "/"
 
 
 def _login(address: str) -> str:

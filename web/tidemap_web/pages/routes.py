@@ -70,9 +70,9 @@ def _add_session(ctx: Context, routes: APIRouter) -> None:
             return _login_page(ctx, request, next, str(error))
 
     @routes.post("/logout", response_model=None)
-    def sign_out() -> Response:
-        """Forget the browser."""
-        return guard.sign_out()
+    def sign_out(request: Request) -> Response:
+        """End the browser's session."""
+        return guard.sign_out(ctx, request)
 
 
 def _login_page(ctx: Context, request: Request, then: str, problem: str | None = None) -> Response:

@@ -1,31 +1,23 @@
 """The viewer on our own port: its page, viser's client in a frame, and the sockets of both."""
 
-import gzip
 import re
 import secrets
-from functools import cache
-from hashlib import sha256
-from pathlib import Path
 
-import viser
 from fastapi import APIRouter, Request, Response, WebSocket
 from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import RedirectResponse
 
 from tidemap.services.context import Context
 from tidemap_web.pages import guard
 from tidemap_web.pages.templates import page
 from tidemap_web.viewer import colors
+from tidemap_web.viewer.client import client_page, scene_address
 from tidemap_web.viewer.messages import Message
 from tidemap_web.viewer.server import ViewerServer
 from tidemap_web.viewer.sockets import converse, pipe
 
 _TOKEN = re.compile(r"[A-Za-z0-9_-]{16,64}")
 _UNKNOWN_TAB = 4404
-_VISER_CSP = (
-    "default-src 'none'; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:; style-src 'unsafe-inline'; "
-    "img-src data: blob:; font-src data:; worker-src blob:; connect-src 'self' data: blob: ws: wss:; "
-    "base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
-)
 
 
 def router(ctx: Context, viewer: ViewerServer) -> APIRouter:
@@ -40,7 +32,7 @@ def router(ctx: Context, viewer: ViewerServer) -> APIRouter:
             return turned_away
         facts = {
             "token": secrets.token_urlsafe(18),
-            "scene": f"/view/scene/?v={_client_page()[1]}",
+            "scene": scene_address(),
             "gradient": colors.gradient_css(),
             "structure": colors.structure_css(),
             "swatches": _swatches(),
@@ -54,13 +46,16 @@ def router(ctx: Context, viewer: ViewerServer) -> APIRouter:
         """Viser's own client, which draws the scene."""
         if refused := guard.refuse(request):
             return refused
-        body, _ = _client_page()
+        address = scene_address(request.query_params)
+        if f"{request.url.path}?{request.url.query}" != address:
+            return RedirectResponse(address, 303, guard.NO_STORE)
+        client = client_page()
         return Response(
-            body,
+            client.body,
             media_type="text/html",
             headers={
                 "Content-Encoding": "gzip",
-                "Content-Security-Policy": _VISER_CSP,
+                "Content-Security-Policy": client.csp,
                 "X-Content-Type-Options": "nosniff",
                 "Cache-Control": "private, max-age=31536000, immutable",
             },
@@ -98,14 +93,3 @@ def _swatches() -> dict[str, str]:
         "missing": colors.css(colors.MISSING),
         "stale": colors.css(colors.STALE),
     }
-
-
-@cache
-def _client_page() -> tuple[bytes, str]:
-    """Viser's page with our few lines at its head, gzipped, and its version."""
-    html = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_text("utf-8")
-    head = (Path(__file__).parent / "scene_head.html").read_text("utf-8")
-    background = colors.css(colors.BACKGROUND)
-    html = html.replace("<head>", "<head>" + head.replace("BACKGROUND", background), 1)
-    body = gzip.compress(html.encode("utf-8"))
-    return body, f"{viser.__version__}-{sha256(body[10:]).hexdigest()[:8]}"

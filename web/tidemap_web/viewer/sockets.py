@@ -10,6 +10,7 @@ from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, WebSocketException
 from websockets.typing import Subprotocol
 
+from tidemap.api.auth import ENDED, until_ended
 from tidemap_web.viewer.messages import Message, parse
 from tidemap_web.viewer.server import ViewerServer
 
@@ -58,7 +59,7 @@ async def converse(socket: WebSocket, viewer: ViewerServer, token: str) -> None:
                 outbox.put({"kind": "refused", "detail": str(error)})
 
     try:
-        await _first_of(speak(), listen())
+        await _first_of(speak(), listen(), _close_when_ended(socket))
     finally:
         viewer.close(session)
 
@@ -76,9 +77,14 @@ async def pipe(socket: WebSocket, port: int, token: str) -> None:
         return
     async with inner:
         await socket.accept(subprotocol=inner.subprotocol)
-        await _first_of(_inward(socket, inner), _outward(socket, inner))
+        await _first_of(_inward(socket, inner), _outward(socket, inner), _close_when_ended(socket))
         with contextlib.suppress(RuntimeError, WebSocketDisconnect):
             await socket.close(1001)
+
+
+async def _close_when_ended(socket: WebSocket) -> None:
+    await until_ended(socket)
+    await socket.close(*ENDED)
 
 
 async def _received(socket: WebSocket) -> AsyncIterator[bytes | str]:

@@ -4,10 +4,18 @@ from sqlalchemy import Connection, bindparam, delete, func, insert, select
 
 from tidemap.errors import KeyNotFoundError
 from tidemap.storage.records import KeyRecord
-from tidemap.storage.tables import api_key
+from tidemap.storage.tables import api_key, session
+
+MAX_SESSIONS = 100
+"""Most sessions of one key."""
 
 # What every request asks, built once: building it takes longer than running it.
 _BY_HASH = select(api_key).where(api_key.c.hash == bindparam("hash"))
+_BY_SESSION = (
+    select(api_key)
+    .join(session, session.c.key_id == api_key.c.id)
+    .where(session.c.hash == bindparam("hash"), session.c.expires_at > bindparam("now"))
+)
 _ANY = select(api_key.c.id).limit(1)
 
 
@@ -31,10 +39,23 @@ class Keys:
         row = self._connection.execute(_BY_HASH, {"hash": digest}).mappings().first()
         return None if row is None else KeyRecord(**row)
 
-    def get(self, key_id: int) -> KeyRecord | None:
-        """The key with this id."""
-        row = self._connection.execute(select(api_key).where(api_key.c.id == key_id)).mappings().first()
+    def find_session(self, digest: bytes, now: float) -> KeyRecord | None:
+        """The key of the session whose token has this hash, None when the session has ended by `now`."""
+        row = self._connection.execute(_BY_SESSION, {"hash": digest, "now": now}).mappings().first()
         return None if row is None else KeyRecord(**row)
+
+    def add_session(self, key_id: int, digest: bytes, now: float, expires_at: float) -> None:
+        """Store a session; those that have expired by `now` and the key's oldest above MAX_SESSIONS go."""
+        self._connection.execute(delete(session).where(session.c.expires_at <= now))
+        of_key = select(session.c.hash).where(session.c.key_id == key_id)
+        newest_first = of_key.order_by(session.c.expires_at.desc(), session.c.hash)
+        old = self._connection.execute(newest_first.offset(MAX_SESSIONS - 1)).scalars().all()
+        self._connection.execute(delete(session).where(session.c.hash.in_(old)))
+        self._connection.execute(insert(session).values(hash=digest, key_id=key_id, expires_at=expires_at))
+
+    def delete_session(self, digest: bytes) -> None:
+        """End a session; one that is not there has ended."""
+        self._connection.execute(delete(session).where(session.c.hash == digest))
 
     def list(self, after: int | None, limit: int | None) -> list[KeyRecord]:
         """In order of creation; `after` is the last id of the page before, None for `limit` is all."""
@@ -52,6 +73,7 @@ class Keys:
         return self._connection.execute(_ANY).first() is None
 
     def delete(self, key_id: int) -> None:
-        """Raises KeyNotFoundError."""
+        """Delete a key and its sessions. Raises KeyNotFoundError."""
+        self._connection.execute(delete(session).where(session.c.key_id == key_id))
         if self._connection.execute(delete(api_key).where(api_key.c.id == key_id)).rowcount == 0:
             raise KeyNotFoundError(key_id)
