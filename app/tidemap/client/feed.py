@@ -8,9 +8,10 @@ from urllib.parse import urlencode
 
 from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketException
 
+from tidemap.client.address import address
 from tidemap.client.errors import TidemapError, UnreachableError, problem
-from tidemap.client.patience import REFUSED, Patience
 from tidemap.client.requests import given
+from tidemap.client.retry import REFUSED, RetryPolicy
 from tidemap.client.transport import Server
 from tidemap.schemas.common import parse_time
 
@@ -39,7 +40,7 @@ class Feed:
     def __init__(
         self,
         server: Server,
-        patience: Patience,
+        retry: RetryPolicy,
         location: str | None,
         kind: MessageKind | None,
         after: str | int | None,
@@ -47,7 +48,7 @@ class Feed:
         self._url = server.base.replace("http", "ws", 1)
         self._headers = server.headers
         self._query = given(location=location, kind=kind, after=after)
-        self._patience = patience
+        self._retry = retry
         self._connected()
 
     def arguments(self) -> dict[str, Any]:
@@ -71,13 +72,13 @@ class Feed:
         failure = self._failure(error)
         self._failed += 1
         asked_s = failure.retry_after_s or 0.0
-        if self._hopeless(failure) or self._failed >= self._patience.tries:
+        if self._hopeless(failure) or self._failed >= self._retry.tries:
             raise failure
-        return max(next(self._pauses), min(asked_s, self._patience.most_s))
+        return max(next(self._pauses), min(asked_s, self._retry.max_s))
 
     def _connected(self) -> None:
         self._failed = 0
-        self._pauses = self._patience.pauses()
+        self._pauses = self._retry.pauses()
 
     def _failure(self, error: Exception | None) -> TidemapError:
         if isinstance(error, InvalidStatus):
@@ -86,7 +87,9 @@ class Feed:
         code = error.rcvd.code if isinstance(error, ConnectionClosed) and error.rcvd else 0
         if error is not None and (code == POLICY or code in PRIVATE):
             return TidemapError(code - 4000 if code in PRIVATE else 403, "Connection refused", str(error))
-        return UnreachableError(self._url, error or ConnectionError("the server closed the connection"))
+        return UnreachableError(
+            f"{address(self._url)}, events", error or ConnectionError("the server closed the connection")
+        )
 
     @staticmethod
     def _hopeless(failure: TidemapError) -> bool:

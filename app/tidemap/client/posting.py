@@ -9,10 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.client.encoding import (
-    ARROW,
     NPY,
     Measurements,
-    arrow,
     batches,
     indices,
     linear,
@@ -20,6 +18,7 @@ from tidemap.client.encoding import (
     looks,
     measurements,
     npy,
+    table,
     tristate,
 )
 from tidemap.client.plans import Plan, Request, Scalar, ask
@@ -109,7 +108,7 @@ class TablePost:
         parts = list(batches(self.columns))
         for i, part in enumerate(parts):
             key = f"{self.key}-{i}" if len(parts) > 1 else self.key
-            content_type, content = (ARROW, arrow(part)) if self.rows is None else (JSON, looks(part, self.rows))
+            content_type, content = table(part) if self.rows is None else (JSON, looks(part, self.rows))
             yield Batch(self.path, given(source=self.source), content_type, content, key, len(part))
 
     def plan(self) -> Plan[Accepted]:

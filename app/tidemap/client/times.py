@@ -16,10 +16,10 @@ TimesLike: TypeAlias = TimeLike | Sequence[TimeLike] | NDArray[Any]
 def unix(time: TimeLike) -> float:
     """Unix seconds of a number, an ISO 8601 text with a zone or a datetime with a zone.
 
-    Raises ValueError for a time without a zone, NaN and infinity.
+    Raises ValueError for a time without a zone, NaN, infinity and float32, which rounds to minutes.
 
-    >>> from datetime import UTC, datetime
-    >>> unix(datetime(1970, 1, 2, tzinfo=UTC)), unix("1970-01-01T01:00:00+01:00"), unix(7)
+    >>> from datetime import datetime, timezone
+    >>> unix(datetime(1970, 1, 2, tzinfo=timezone.utc)), unix("1970-01-01T01:00:00+01:00"), unix(7)
     (86400.0, 0.0, 7.0)
     """
     if isinstance(time, datetime):
@@ -40,6 +40,8 @@ def unix_array(times: TimesLike) -> NDArray[np.float64]:
     array = np.atleast_1d(np.asarray(times))
     if array.ndim != 1:
         raise ValueError(f"times have one dimension; these have the shape {array.shape}")
+    if array.dtype.kind == "f" and array.dtype.itemsize < np.float64().itemsize:
+        raise ValueError(f"{array.dtype} is too coarse for Unix seconds, minutes off; give float64, or integers")
     if array.size == 0 or array.dtype.kind in "fiu":
         return _finite(array.astype(np.float64))
     if array.dtype.kind == "M":
