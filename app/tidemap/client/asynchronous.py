@@ -28,6 +28,7 @@ class AsyncConnection:
     def __init__(self, server: Server, timeout_s: float, retry: RetryPolicy) -> None:
         self.server = server
         self.retry = retry
+        self.timeout_s = timeout_s
         self.outbox: Outbox | None = None
         self.http = server.open(httpx.AsyncClient, timeout_s)
 
@@ -47,7 +48,7 @@ class AsyncConnection:
     async def _carry(self, request: Request) -> Reply:
         await asyncio.sleep(request.after_s)
         try:
-            return await self.http.request(**request.arguments())
+            return await self.http.request(**request.arguments(), timeout=self.timeout_s + request.waits_s)
         except httpx.TransportError as error:
             return error
 
@@ -130,6 +131,7 @@ class AsyncClient(ClientOperations[AsyncLocationHandle[R]], Awaited, Generic[R])
             error: Exception | None = None
             try:
                 async with connect(**feed.arguments()) as socket:
+                    feed.connected()
                     async for text in socket:
                         yield feed.read(text)
             except BROKEN as broken:

@@ -28,6 +28,7 @@ class Connection:
     def __init__(self, server: Server, timeout_s: float, retry: RetryPolicy) -> None:
         self.server = server
         self.retry = retry
+        self.timeout_s = timeout_s
         self.outbox: Outbox | None = None
         self.http = server.open(httpx.Client, timeout_s)
 
@@ -45,7 +46,7 @@ class Connection:
     def _carry(self, request: Request) -> Reply:
         time.sleep(request.after_s)
         try:
-            return self.http.request(**request.arguments())
+            return self.http.request(**request.arguments(), timeout=self.timeout_s + request.waits_s)
         except httpx.TransportError as error:
             return error
 
@@ -135,6 +136,7 @@ class Client(ClientOperations[LocationHandle[R]], Blocking, Generic[R]):
             error: Exception | None = None
             try:
                 with connect(**feed.arguments()) as socket:
+                    feed.connected()
                     for text in socket:
                         yield feed.read(text)
             except BROKEN as broken:

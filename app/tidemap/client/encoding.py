@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.client.optional import pa
-from tidemap.client.times import TimesLike, unix_array
+from tidemap.client.times import TimesLike, is_single, unix_array
 
 ARROW = "application/vnd.apache.arrow.stream"
 NPY = "application/x-npy"
@@ -47,7 +47,7 @@ def measurements(time: TimesLike, state: Any, cell: Any = None) -> Measurements:
     states = _small(state, "state", np.uint8)
     cells = None if cell is None else _small(cell, "cell", np.uint32)
     times = unix_array(time)
-    if np.ndim(time) == 0:
+    if is_single(time):
         times = np.repeat(times, len(states))
     lengths = {"time": len(times), "state": len(states)} | ({} if cells is None else {"cell": len(cells)})
     if len(set(lengths.values())) > 1:
@@ -143,17 +143,6 @@ def indices(cells: Any) -> NDArray[np.int64]:
     if not np.array_equal(rows, array) or (rows < 0).any():
         raise ValueError("a row of indices [i, j, k] is of whole numbers from 0")
     return rows
-
-
-def linear(cells: Any, shape: Sequence[int]) -> NDArray[np.int64]:
-    """Linear indices (n,) in C order of indices (n, 2 or 3) into a grid of `shape`.
-
-    >>> linear([[0, 0, 1], [1, 0, 0]], (2, 3, 4)).tolist()
-    [1, 12]
-    """
-    index = np.asarray(cells, np.int64)
-    flat: NDArray[np.int64] = np.ravel_multi_index(tuple(index.T), tuple(shape)[: index.shape[1]])
-    return flat
 
 
 def _small(values: Any, name: str, dtype: type[np.unsignedinteger[Any]]) -> NDArray[Any]:

@@ -1,5 +1,6 @@
 """Operations on one location: what it is, what it has observed and what it predicts."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -104,7 +105,9 @@ class LocationOperations(AnomalyOperations):
         """
         deadline = until(wait)
         form = given(start=start, stop=stop, estimator=estimator, order=order)
-        job = yield from ask(Job, post(f"{self.path}/update", form, {"wait": wait_s(deadline)}))
+        asked_s = wait_s(deadline)
+        request = post(f"{self.path}/update", form, {"wait": asked_s})
+        job = yield from ask(Job, replace(request, waits_s=asked_s))
         return (yield from ended(job, deadline))
 
     @operation

@@ -29,6 +29,15 @@ def unix(time: TimeLike) -> float:
     return parse_time(time)
 
 
+def is_single(times: TimesLike) -> bool:
+    """Whether it is one time and no list of times.
+
+    >>> is_single(5), is_single("1970-01-01T00:00:00Z"), is_single(np.float64(5)), is_single([5])
+    (True, True, True, False)
+    """
+    return isinstance(times, str) or getattr(times, "ndim", None) == 0 or not hasattr(times, "__len__")
+
+
 def unix_array(times: TimesLike) -> NDArray[np.float64]:
     """Unix seconds (n,) of one time or many; numbers are taken as they are, one check for all.
 

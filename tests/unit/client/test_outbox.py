@@ -223,17 +223,11 @@ def test_cells_as_rows_need_no_server(path: Path) -> None:
     ]
 
 
-def test_rows_are_the_linear_cells_of_a_shape() -> None:
-    shape = (4, 3, 2)
-    cells = np.argwhere(np.ones(shape))[::-1]
-    post = observation("/locations/lab", np.arange(24), np.arange(24) % 2, cells).linear(shape)
-    assert post.columns.cell is not None
-    assert (post.columns.cell.tolist(), post.columns.cell.dtype) == (list(range(24))[::-1], np.uint32)
-    seen = sighting("/locations/lab", 0, cells[:2], cells[2:3]).linear(shape).columns
-    assert seen.cell is not None
-    assert dict(zip(seen.cell.tolist(), seen.state.tolist(), strict=True)) == {23: 1, 22: 1, 21: 0}
+def test_cells_are_indices_or_rows_and_not_both() -> None:
     with pytest.raises(ValueError, match="both as linear indices or both as rows"):
         sighting("/locations/lab", 0, [[0, 0, 1]], [3])
+    with pytest.raises(ValueError, match="whole numbers from 0"):
+        observation("/locations/lab", [0], [1], [[-1, 2]])
 
 
 def test_several_clients_on_one_file_send_every_batch_once(path: Path) -> None:
