@@ -320,6 +320,10 @@ def test_keys_open_and_close_doors(connect: Callable[..., Any], server: StartSer
     owner.create_location("door", interval_s=60)
     spot = connect(process.url, key=robot.key)
     assert spot.location("door").observe([START], [1]).accepted == 1
+    owner.create_location("lab", kind="grid2d", interval_s=60, grid={"resolution_m": 1, "shape": [4, 3]})
+    assert spot.location("lab").observe_grid(START, occupied=[(2, 2)], free=[(1, 1)]).accepted == 2
+    owner.location("lab").update()
+    assert owner.location("lab").state(START, observed=True).cell.tolist() == [4, 8]
     with pytest.raises(TidemapError) as caught:
         spot.keys.list()
     assert caught.value.status == 403

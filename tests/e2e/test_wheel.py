@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import tarfile
 import textwrap
 import zipfile
 from pathlib import Path
@@ -95,6 +96,19 @@ def test_it_holds_the_two_packages_with_their_types_and_the_migrations(wheel: Pa
     assert {top for top in tops if not top.endswith(".dist-info")} == {"tidemap", "tidemap_web"}
     assert {"tidemap/py.typed", "tidemap_web/py.typed", "tidemap/storage/migrations/env.py"} <= set(names)
     assert not [name for name in names if "__pycache__" in name or name.startswith("tests")]
+
+
+def test_the_source_distribution_builds_the_same_wheel(wheel: Path, tmp_path: Path) -> None:
+    build = [sys.executable, "-m", "hatchling", "build"]
+    subprocess.run([*build, "-t", "sdist", "-d", str(tmp_path)], cwd=ROOT, check=True, capture_output=True)
+    (archive,) = tmp_path.glob("tidemap-*.tar.gz")
+    with tarfile.open(archive) as sources:
+        sources.extractall(tmp_path, filter="data")
+    unpacked = archive.with_name(archive.name.removesuffix(".tar.gz"))
+    assert (unpacked / "LICENSE").is_file()
+    subprocess.run([*build, "-t", "wheel", "-d", str(tmp_path)], cwd=unpacked, check=True, capture_output=True)
+    with zipfile.ZipFile(wheel) as one, zipfile.ZipFile(tmp_path / wheel.name) as other:
+        assert sorted(one.namelist()) == sorted(other.namelist())
 
 
 def test_a_project_with_folders_of_the_same_old_names_imports_it(robot: Environment, project: Path) -> None:

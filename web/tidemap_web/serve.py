@@ -53,13 +53,14 @@ def serve(ctx: Context, options: Options) -> int:
     """Serve until told to stop; 0 when that went well."""
     settings = ctx.settings
     sys.setswitchinterval(SWITCH_S)
-    warm()
     with ExitStack() as stack:
+        # First, for a port in use is said at once, before kernels are compiled.
+        bound = _bind(settings.host, settings.port)
+        stack.callback(bound.close)
+        warm()
         stack.enter_context(giving_back())
         site = stack.enter_context(open_site(ctx))
         config = configure(site, settings.host, settings.port)
-        bound = _bind(settings.host, settings.port)
-        stack.callback(bound.close)
         url = _url(bound)
 
         def ready() -> None:
