@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from pydantic import ValidationError
 
 from tidemap import log
+from tidemap.cli_outbox import add_outbox
 from tidemap.errors import DatabaseUnusableError, SchemaVersionError, TidemapError
 from tidemap.requirements import unmet
 from tidemap.version import __version__
@@ -28,7 +29,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; the exit status is 0 done, 1 failed, 2 wrong usage."""
     arguments = parser().parse_args(argv)
     command: Command = arguments.command
-    if (missing := unmet()) is not None:
+    if arguments.needs_server and (missing := unmet()) is not None:
         return _failed(missing)
     try:
         return command(arguments)
@@ -56,6 +57,7 @@ def parser() -> argparse.ArgumentParser:
     """All commands with their options."""
     whole = argparse.ArgumentParser(prog="tidemap", description="A map service for robots.")
     whole.add_argument("--version", action="version", version=f"tidemap {__version__}")
+    whole.set_defaults(needs_server=True)
     commands = whole.add_subparsers(required=True, metavar="COMMAND")
     _add_serve(commands)
     _add_demo(commands)
@@ -65,6 +67,7 @@ def parser() -> argparse.ArgumentParser:
     _add_backup(commands)
     _add_verify(commands)
     _add_keys(commands)
+    add_outbox(commands)
     return whole
 
 

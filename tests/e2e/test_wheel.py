@@ -150,6 +150,12 @@ def test_the_command_says_what_to_install(robot: Environment) -> None:
         assert "Traceback" not in said
 
 
+def test_the_outbox_is_looked_after_without_the_server(robot: Environment, tmp_path: Path) -> None:
+    said = robot.run("tidemap", "outbox", "list", str(tmp_path / "typo.db"), check=False)
+    assert said.startswith("1\n")
+    assert "there is no such file" in said
+
+
 def test_importing_the_package_loads_no_client(robot: Environment) -> None:
     code = "import sys, tidemap; print('httpx' in sys.modules); tidemap.Client; print('httpx' in sys.modules)"
     assert "False\nTrue" in robot.run("python", "-c", code)

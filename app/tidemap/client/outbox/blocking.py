@@ -12,6 +12,7 @@ from tidemap.client.outbox.file import prepare
 from tidemap.client.outbox.sender import Sender
 from tidemap.client.outbox.store import Pending, Refused, Store
 from tidemap.client.posting import Post, Queued
+from tidemap.client.requests import path_of
 from tidemap.client.retry import RetryPolicy
 from tidemap.client.transport import Server
 
@@ -72,6 +73,11 @@ class Outbox:
     def retry(self, number: int) -> None:
         """Send a refused batch again, before all later ones of its location. Raises OutboxError if there is none."""
         self._store.retry(number)
+        self._sender.wake()
+
+    def move(self, number: int, location: str) -> None:
+        """Send a refused batch to the location of this name. Raises OutboxError if there is none."""
+        self._store.move(number, path_of(location))
         self._sender.wake()
 
     def discard(self, number: int) -> None:
