@@ -20,7 +20,7 @@ ifneq ($(shell .venv/bin/python -c '' 2>/dev/null && cat .venv/folder 2>/dev/nul
 .PHONY: $(READY)
 endif
 
-.PHONY: help setup run test check lint bench paper clean browser
+.PHONY: help setup run test check lint bench paper dist clean browser
 
 help: ## Show this list
 	@echo "Tidemap: every cell of the map remembers its rhythm."
@@ -58,6 +58,8 @@ lint: setup
 	    echo "Mend the format with: .venv/bin/ruff format ." >&2; exit 1; }
 	@.venv/bin/python -m ruff check --quiet .
 	@.venv/bin/python -m mypy --no-error-summary
+	@.venv/bin/python -m mypy --no-error-summary docs/examples
+	@.venv/bin/oxlint --quiet --deny-warnings --ignore-pattern vendor web/tidemap_web/pages/static
 	@.venv/bin/lint-imports --no-logo
 
 bench: setup ## Measure every figure against its floor: one JSON line each
@@ -65,6 +67,11 @@ bench: setup ## Measure every figure against its floor: one JSON line each
 
 paper: setup ## Make every figure and table of docs/method.md again, from ../shared/data; some minutes
 	@.venv/bin/python -m docs.paper
+
+dist: setup ## Build the wheel and the source distribution into dist/ and check both
+	@rm -rf dist
+	@.venv/bin/python -m hatchling build -d dist
+	@.venv/bin/python -m pytest --quiet tests/e2e/test_wheel.py
 
 browser:
 	@sh tests/support/browser.sh

@@ -15,7 +15,7 @@ from playwright.sync_api import Page, ViewportSize
 from tests.support.chromium import driving, find_chromium, launch
 from tests.support.paths import ROOT
 from tests.support.server import ServerProcess
-from tidemap.client import Client
+from tidemap import Client
 
 IMAGES = ROOT / "docs" / "images"
 BUILDING = "building"

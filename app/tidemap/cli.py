@@ -8,12 +8,18 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
-from tidemap import __version__, log
+from tidemap import log
+from tidemap.cli_outbox import add_outbox
 from tidemap.errors import DatabaseUnusableError, SchemaVersionError, TidemapError
-from tidemap.settings import Settings
+from tidemap.requirements import unmet
+from tidemap.version import __version__
+
+if TYPE_CHECKING:
+    from tidemap.settings import Settings
 
 Command = Callable[[argparse.Namespace], int]
 DONE, FAILED, WRONG_USAGE = 0, 1, 2
@@ -23,6 +29,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; the exit status is 0 done, 1 failed, 2 wrong usage."""
     arguments = parser().parse_args(argv)
     command: Command = arguments.command
+    if arguments.needs_server and (missing := unmet()) is not None:
+        return _failed(missing)
     try:
         return command(arguments)
     except ValidationError as error:
@@ -49,6 +57,7 @@ def parser() -> argparse.ArgumentParser:
     """All commands with their options."""
     whole = argparse.ArgumentParser(prog="tidemap", description="A map service for robots.")
     whole.add_argument("--version", action="version", version=f"tidemap {__version__}")
+    whole.set_defaults(needs_server=True)
     commands = whole.add_subparsers(required=True, metavar="COMMAND")
     _add_serve(commands)
     _add_demo(commands)
@@ -58,6 +67,7 @@ def parser() -> argparse.ArgumentParser:
     _add_backup(commands)
     _add_verify(commands)
     _add_keys(commands)
+    add_outbox(commands)
     return whole
 
 
@@ -141,7 +151,9 @@ def _progress(what: str, unit: str) -> Iterator[Callable[[int, int], None]]:
         yield show
 
 
-def _settings(arguments: argparse.Namespace) -> Settings:
+def _settings(arguments: argparse.Namespace) -> "Settings":
+    from tidemap.settings import Settings
+
     names = Settings.model_fields.keys() & vars(arguments).keys()
     given = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
     settings = Settings(**given)

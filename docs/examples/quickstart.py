@@ -4,7 +4,7 @@
 from datetime import UTC, datetime, timedelta
 from zoneinfo import ZoneInfo
 
-from tidemap.client import Client
+from tidemap import Client
 
 london = ZoneInfo("Europe/London")
 start = datetime(2026, 1, 5, tzinfo=london)

@@ -16,7 +16,7 @@ import pytest
 
 from tests.support.server import ServerProcess, StartServer
 from tests.support.waiting import WAIT_S, until
-from tidemap.client import AsyncClient, Client, Patience, TidemapError
+from tidemap.client import AsyncClient, Client, RetryPolicy, TidemapError
 from tidemap.client.operation import Awaited
 
 DAY_S = 86400.0
@@ -322,6 +322,10 @@ def test_keys_open_and_close_doors(connect: Callable[..., Any], server: StartSer
     owner.create_location("door", interval_s=60)
     spot = connect(process.url, key=robot.key)
     assert spot.location("door").observe([START], [1]).accepted == 1
+    owner.create_location("lab", kind="grid2d", interval_s=60, grid={"resolution_m": 1, "shape": [4, 3]})
+    assert spot.location("lab").observe_grid(START, occupied=[(2, 2)], free=[(1, 1)]).accepted == 2
+    owner.location("lab").update()
+    assert owner.location("lab").state(START, observed=True).cell.tolist() == [4, 8]
     with pytest.raises(TidemapError) as caught:
         spot.keys.list()
     assert caught.value.status == 403
@@ -337,7 +341,7 @@ def test_keys_open_and_close_doors(connect: Callable[..., Any], server: StartSer
 
 def test_a_server_killed_under_a_post_costs_nothing(connect: Callable[..., Any], server: StartServer) -> None:
     process = server()
-    client = connect(process.url, patience=Patience(tries=2000, first_s=0.05, most_s=0.2))
+    client = connect(process.url, retry=RetryPolicy(tries=2000, first_s=0.05, max_s=0.2))
     handle = client.create_location("lab", kind="grid2d", interval_s=60, grid={"resolution_m": 1, "shape": [300, 200]})
     times, cells = np.repeat(START + 60 * np.arange(30), 60_000), np.tile(np.arange(60_000), 30)
 
@@ -356,7 +360,7 @@ def test_a_server_killed_under_a_post_costs_nothing(connect: Callable[..., Any],
 
 def test_events_survive_a_restart_and_miss_no_anomaly(connect: Callable[..., Any], server: StartServer) -> None:
     process = server()
-    client = connect(process.url, patience=Patience(tries=2000, first_s=0.05, most_s=0.2))
+    client = connect(process.url, retry=RetryPolicy(tries=2000, first_s=0.05, max_s=0.2))
     handle = door(client, "door")
     nights = START + (8 + np.arange(3)) * DAY_S
     known = handle.observe(nights[:1], [1]).anomalies[0].id

@@ -9,7 +9,7 @@ import pytest
 
 from tests.support.server import ServerProcess, StartServer
 from tests.support.waiting import WAIT_S, until
-from tidemap.client import Client, Patience
+from tidemap.client import Client, RetryPolicy
 from tidemap.demo import live
 from tidemap.demo.locations import BUILDING, FORMS, MIN_CELLS, PLACES, NotTheDemoError
 from tidemap.demo.posting import Posted
@@ -121,7 +121,7 @@ def test_the_robot_survives_a_server_that_is_gone_for_a_while(
     monkeypatch.setattr(live, "PAUSE_S", 0.1)
     monkeypatch.setattr(live, "CATCH_UP_S", HOUR_S)
     process = server()
-    with Client(process.url, patience=Patience(tries=2, first_s=0.05)) as client:
+    with Client(process.url, retry=RetryPolicy(tries=2, first_s=0.05)) as client:
         _, end = running(client, speed=600)
         place = client.location("main-door")
         until(lambda: "main-door" in [location.name for location in client.locations()])

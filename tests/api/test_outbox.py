@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 
 from tests.support.server import ServerProcess, StartServer
-from tidemap.client import AsyncClient, Client, OutboxFullError, Patience, Pending, Queued
+from tidemap.client import AsyncClient, Client, OutboxFullError, Pending, Queued, RetryPolicy
 
 OUT_OF_RANGE = "http://127.0.0.1:9"
 GRID = (np.arange(24) % 3 - 1).reshape(4, 3, 2)
-EAGER = Patience(first_s=0.05, most_s=0.2)
+EAGER = RetryPolicy(first_s=0.05, max_s=0.2)
 
 
 @pytest.fixture
@@ -49,7 +49,7 @@ def make(process: ServerProcess, name: str) -> None:
 
 
 def robot(url: str, path: Path, **how: Any) -> Client[Queued]:
-    return Client(url, outbox=path, patience=EAGER, **how)
+    return Client(url, outbox=path, retry=EAGER, **how)
 
 
 def stored(process: ServerProcess, name: str = "door") -> tuple[int, dict[int, int]]:
@@ -229,12 +229,12 @@ def test_a_full_outbox_keeps_nothing_of_what_does_not_fit(shared_server: ServerP
 
 def test_the_asynchronous_client_out_of_range(shared_server: ServerProcess, name: str, path: Path) -> None:
     async def observe(url: str, start: int) -> None:
-        async with AsyncClient(url, outbox=path, patience=EAGER) as spot:
+        async with AsyncClient(url, outbox=path, retry=EAGER) as spot:
             for second in range(start, start + 30):
                 assert await spot.location(name).observe([second], [second % 2]) == Queued(1, 1)
 
     async def finish() -> None:
-        async with AsyncClient(shared_server.url, outbox=path, patience=EAGER) as spot:
+        async with AsyncClient(shared_server.url, outbox=path, retry=EAGER) as spot:
             assert await spot.outbox.flush(60)
 
     asyncio.run(observe(OUT_OF_RANGE, 0))

@@ -76,7 +76,7 @@ def test_robots_killed_twenty_times_lose_nothing_they_kept(server: StartServer, 
             running.restart()
         kept = [sighting for each in lives for sighting in each.result()]
     for name in set(OUTBOXES.values()):
-        with Client(running.url, outbox=tmp_path / name, patience=EAGER) as client:
+        with Client(running.url, outbox=tmp_path / name, retry=EAGER) as client:
             assert client.outbox.flush(WAIT_S)
             assert client.outbox.refused() == []
     assert len(kept) >= DEATHS * len(OUTBOXES)

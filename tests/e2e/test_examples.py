@@ -14,20 +14,36 @@ from tests.support.paths import ROOT
 from tests.support.server import ServerProcess, clean_environment
 
 ADDRESS = "http://127.0.0.1:8000"
+EXAMPLES = ROOT / "docs" / "examples"
 
 
 def test_the_quickstart_predicts_and_notices(shared_server: ServerProcess, tmp_path: Path) -> None:
-    example = (ROOT / "docs" / "examples" / "quickstart.py").read_text()
-    assert example.count(ADDRESS) == 1
-    script = tmp_path / "quickstart.py"
-    script.write_text(example.replace(ADDRESS, shared_server.url))
-    printed = _run([sys.executable, "-W", "error", str(script)])
-
+    printed = _example("quickstart", shared_server, tmp_path)
     probabilities, anomalies = printed.split("\n", 1)
     by_day, by_night = (float(number) for number in re.findall(r"[\d.]+", probabilities))
     assert by_day > 0.9
     assert by_night < 0.1
     assert anomalies.count("location='front-door'") == 1
+
+
+PRINTS = {
+    "door_by_cron": r"1\n",
+    "grid_from_numpy": r"crate at ten (0\.[89]\d|1\.00), at night 0\.[01]\d, corner nan\n",
+    "offline_robot": r"waiting 5\nsent True refused 0\nstored 5\n",
+    "asynchronous": r"(async-door-\d [01]\.\d\d\n){5}",
+    "poll_anomalies": r"polled-door at 2430000: observed 1, expected 0\.[01]\d\n",
+    "follow_events": r"(\w+ followed-door\n)*update followed-door\n",
+}
+
+
+def test_every_example_is_run_here() -> None:
+    assert {path.stem for path in EXAMPLES.glob("*.py")} == {"quickstart", *PRINTS}
+
+
+@pytest.mark.parametrize("name", PRINTS)
+def test_the_example_prints(shared_server: ServerProcess, tmp_path: Path, name: str) -> None:
+    printed = _example(name, shared_server, tmp_path)
+    assert re.fullmatch(PRINTS[name], printed), printed
 
 
 @pytest.mark.skipif(shutil.which("curl") is None, reason="no curl on this machine")
@@ -43,6 +59,15 @@ def test_the_curl_lines_post_and_ask(shared_server: ServerProcess) -> None:
     assert job["state"] == "done"
     assert state["probability"] == pytest.approx([0.5], abs=0.2)
     assert {"items", "next"} <= set(anomalies)
+
+
+def _example(name: str, server: ServerProcess, folder: Path) -> str:
+    """What an example prints with this server."""
+    example = (EXAMPLES / f"{name}.py").read_text()
+    assert ADDRESS in example
+    script = folder / f"{name}.py"
+    script.write_text(example.replace(ADDRESS, server.url))
+    return _run([sys.executable, "-W", "error", str(script)])
 
 
 def _run(command: list[str]) -> str:

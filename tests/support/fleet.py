@@ -13,15 +13,15 @@ from typing import Any
 from tests.support.sightings import Sighting
 from tests.support.stored import check_stored
 from tests.support.waiting import WAIT_S, until
-from tidemap.client import Client, Patience, Queued, TidemapError
+from tidemap.client import Client, Queued, RetryPolicy, TidemapError
 
 WITH_OUTBOX = 16
 WITHOUT_OUTBOX = 2
 BACKLOG = 5
 """Batches that a robot lets wait in its outbox before it observes more."""
 AGAIN_S = 0.02
-EAGER = Patience(first_s=0.05, most_s=0.2)
-ONCE = Patience(tries=1)
+EAGER = RetryPolicy(first_s=0.05, max_s=0.2)
+ONCE = RetryPolicy(tries=1)
 RESTLESS = {
     "TIDEMAP_VIEWER": "false",
     "TIDEMAP_UPDATER_INTERVAL_S": "0.05",
@@ -119,11 +119,11 @@ def fleet_at_work(folder: Path, *urls: str) -> Iterator[Fleet]:
         stop = threading.Event()
         fleet = Fleet(
             [
-                OutboxRobot(n, stack.enter_context(Client(url, outbox=folder / f"{n}.db", patience=EAGER)))
+                OutboxRobot(n, stack.enter_context(Client(url, outbox=folder / f"{n}.db", retry=EAGER)))
                 for n, url in zip(range(WITH_OUTBOX), cycle(urls), strict=False)
             ],
             [
-                DirectRobot(WITH_OUTBOX + n, stack.enter_context(Client(url, patience=ONCE)))
+                DirectRobot(WITH_OUTBOX + n, stack.enter_context(Client(url, retry=ONCE)))
                 for n, url in zip(range(WITHOUT_OUTBOX), cycle(urls), strict=False)
             ],
         )

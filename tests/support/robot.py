@@ -13,7 +13,7 @@ from itertools import count
 from pathlib import Path
 
 from tests.support.sightings import Sighting
-from tidemap.client import Client, Patience
+from tidemap.client import Client, RetryPolicy
 
 BACKLOG = 50
 """Batches that it lets wait before it observes more."""
@@ -23,7 +23,7 @@ def main(url: str, outbox: str, receipts: str, robot: str, first: str) -> None:
     """Observe and write down, without end."""
     logging.disable()
     with (
-        Client(url, outbox=outbox, patience=Patience(first_s=0.05, most_s=0.2)) as client,
+        Client(url, outbox=outbox, retry=RetryPolicy(first_s=0.05, max_s=0.2)) as client,
         Path(receipts).open("a") as written,
     ):
         for number in count(int(first)):

@@ -59,14 +59,15 @@ def serve(ctx: Context, options: Options) -> int:
     """Serve until told to stop; 0 when that went well."""
     settings = ctx.settings
     sys.setswitchinterval(SWITCH_S)
-    warm()
     with ExitStack() as stack:
+        # First, for a port in use is said at once, before kernels are compiled.
+        bound = _bind(settings.host, settings.port)
+        stack.callback(bound.close)
+        warm()
         stack.enter_context(periodic_trim())
         site = stack.enter_context(open_site(ctx))
         census = Census(settings.max_connections, settings.max_connections_per_address)
         config = configure(site, settings.host, settings.port, census)
-        bound = _bind(settings.host, settings.port)
-        stack.callback(bound.close)
         url = _url(bound)
 
         def ready() -> None:

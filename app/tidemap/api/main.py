@@ -6,7 +6,6 @@ from typing import Any
 
 from fastapi import FastAPI
 
-from tidemap import __version__
 from tidemap.api import errors, live
 from tidemap.api.budget import Budget
 from tidemap.api.limits import Limits, Senders
@@ -16,6 +15,7 @@ from tidemap.api.state import AppState
 from tidemap.schemas.common import Problem
 from tidemap.schemas.observations import GridObservations, StateObservations
 from tidemap.services.context import Context
+from tidemap.version import __version__
 
 BASE = "/api/v1"
 ROUTERS = tuple(each.router for each in (locations, observations, maps, anomalies, jobs, keys))

@@ -1,6 +1,6 @@
 """The client of a Tidemap server. It needs no part of the server installed.
 
-    from tidemap.client import Client
+    from tidemap import Client
 
     with Client("http://127.0.0.1:8000", key="tm_...") as tidemap:
         door = tidemap.create_location("office-door", interval_s=60, time_zone="Europe/London")
@@ -26,8 +26,8 @@ from tidemap.client.blocking import Client, LocationHandle
 from tidemap.client.errors import OutboxError, OutboxFullError, TidemapError, UnreachableError
 from tidemap.client.feed import Message
 from tidemap.client.outbox import AsyncOutbox, Outbox, Pending, Refused
-from tidemap.client.patience import Patience
 from tidemap.client.posting import Queued
+from tidemap.client.retry import RetryPolicy
 
 __all__ = [
     "UNKNOWN",
@@ -40,11 +40,11 @@ __all__ = [
     "Outbox",
     "OutboxError",
     "OutboxFullError",
-    "Patience",
     "Pending",
     "Prediction",
     "Queued",
     "Refused",
+    "RetryPolicy",
     "Series",
     "State",
     "TidemapError",

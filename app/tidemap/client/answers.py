@@ -1,13 +1,15 @@
 """Answers about a map as numpy arrays."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
 
+from tidemap.client.encoding import ARROW
+from tidemap.client.optional import pa
 from tidemap.schemas.common import parse_time
 
 UNKNOWN = -1
@@ -111,12 +113,12 @@ def series(content: bytes) -> Series:
     )
 
 
-def state(content: bytes) -> State:
-    """The answer of `/state` as an Arrow IPC stream; its schema carries the rest as JSON under `tidemap`."""
-    with pa.ipc.open_stream(pa.py_buffer(content)) as stream:
-        table = stream.read_all()
-    said = json.loads(table.schema.metadata[b"tidemap"])
-    columns = set(table.column_names)
+def state(content: bytes, media_type: str) -> State:
+    """The answer of `/state`, an Arrow IPC stream or JSON."""
+    return _state(*(_arrow_columns(content) if media_type == ARROW else _json_columns(content)))
+
+
+def _state(said: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> State:
     return State(
         time=parse_time(said["time"]),
         confidence=said["confidence"],
@@ -124,14 +126,31 @@ def state(content: bytes) -> State:
         order=said["order"],
         revision=said["revision"],
         shape=tuple(said["shape"]),
-        cell=_column(table, "cell", np.int64),
-        probability=_column(table, "probability", np.float32),
-        state=_column(table, "state", np.int8),
-        verdict=_texts(table.column("verdict")),
+        cell=_numbers(columns["cell"], np.int64),
+        probability=_numbers(columns["probability"], np.float32),
+        state=_numbers(columns["state"], np.int8),
+        verdict=columns["verdict"],
         unavailable=_ranges(said["unavailable"]),
-        observed=_column(table, "observed", np.int8) if "observed" in columns else None,
-        observed_time=_column(table, "observed_time", np.float64) if "observed_time" in columns else None,
+        observed=_numbers(columns["observed"], np.int8) if "observed" in columns else None,
+        observed_time=_numbers(columns["observed_time"], np.float64) if "observed_time" in columns else None,
     )
+
+
+def _arrow_columns(content: bytes) -> tuple[Any, dict[str, NDArray[Any]]]:
+    """What the schema carries as JSON under `tidemap`, and the columns."""
+    with pa.ipc.open_stream(pa.py_buffer(content)) as stream:
+        table = stream.read_all()
+    texts = {"verdict": _texts(table.column("verdict"))}
+    numbers = {name: table.column(name).to_numpy() for name in table.column_names if name not in texts}
+    return json.loads(table.schema.metadata[b"tidemap"]), numbers | texts
+
+
+def _json_columns(content: bytes) -> tuple[Any, dict[str, NDArray[Any]]]:
+    """The document, and its columns with NaN for null."""
+    said = json.loads(content)
+    numbers = ("cell", "probability", "state", "observed", "observed_time")
+    columns = {name: np.array(said[name], np.float64) for name in numbers if said.get(name) is not None}
+    return said, columns | {"verdict": np.array(said["verdict"], np.str_)}
 
 
 def _ranges(values: Any) -> NDArray[np.int64]:
@@ -148,14 +167,13 @@ def _states(values: Any) -> NDArray[np.int8]:
     return np.nan_to_num(np.array(values, np.float64), nan=UNKNOWN).astype(np.int8)
 
 
-def _column(table: pa.Table, name: str, dtype: type[np.number[Any]]) -> NDArray[Any]:
-    values: NDArray[Any] = table.column(name).to_numpy()
+def _numbers(values: NDArray[Any], dtype: type[np.number[Any]]) -> NDArray[Any]:
     if values.dtype.kind == "f" and not np.issubdtype(dtype, np.floating):
         values = np.nan_to_num(values, nan=UNKNOWN)
     return values.astype(dtype, copy=False)
 
 
-def _texts(column: pa.ChunkedArray) -> NDArray[np.str_]:
+def _texts(column: Any) -> NDArray[np.str_]:
     """A column of few different texts, plain or dictionary-encoded."""
     array = column.combine_chunks()
     if not pa.types.is_dictionary(array.type):

@@ -2,9 +2,10 @@
 
 import asyncio
 from collections.abc import AsyncIterator
-from typing import Generic, Self, overload
+from typing import Generic, overload
 
 import httpx
+from typing_extensions import Self, Unpack
 from websockets.asyncio.client import connect
 
 from tidemap.client.administration import ClientOperations, JobOperations, KeyOperations
@@ -13,26 +14,27 @@ from tidemap.client.location import LocationOperations
 from tidemap.client.operation import Awaited, AwaitedPoster, R
 from tidemap.client.outbox import AsyncOutbox, Outbox, PathLike, open_outbox
 from tidemap.client.outbox.blocking import present
-from tidemap.client.patience import Patience, persistent
 from tidemap.client.plans import Plan, Reply, Request, Run, T
 from tidemap.client.posting import Post, Queued, Receipt
 from tidemap.client.requests import path_of
-from tidemap.client.transport import Server
+from tidemap.client.retry import RetryPolicy, retried
+from tidemap.client.transport import Options, Server
 from tidemap.schemas.observations import Accepted
 
 
 class AsyncConnection:
     """One pool of HTTP connections to one server, and how patiently it is used."""
 
-    def __init__(self, server: Server, timeout_s: float, patience: Patience, outbox: Outbox | None) -> None:
+    def __init__(self, server: Server, timeout_s: float, retry: RetryPolicy) -> None:
         self.server = server
-        self.patience = patience
-        self.outbox = outbox
-        self.http = httpx.AsyncClient(base_url=server.base, headers=server.headers, timeout=timeout_s)
+        self.retry = retry
+        self.timeout_s = timeout_s
+        self.outbox: Outbox | None = None
+        self.http = server.open(httpx.AsyncClient, timeout_s)
 
     async def run(self, plan: Plan[T]) -> T:
         """What the plan comes to."""
-        run = Run(persistent(plan, self.patience))
+        run = Run(retried(plan, self.retry))
         while run.request is not None:
             run.send(await self._carry(run.request))
         return run.result
@@ -46,7 +48,7 @@ class AsyncConnection:
     async def _carry(self, request: Request) -> Reply:
         await asyncio.sleep(request.after_s)
         try:
-            return await self.http.request(**request.arguments())
+            return await self.http.request(**request.arguments(), timeout=self.timeout_s + request.waits_s)
         except httpx.TransportError as error:
             return error
 
@@ -72,21 +74,12 @@ class AsyncClient(ClientOperations[AsyncLocationHandle[R]], Awaited, Generic[R])
         url: str,
         key: str | None = None,
         *,
-        timeout_s: float = ...,
-        patience: Patience | None = ...,
         outbox: None = None,
-        outbox_bytes: int = ...,
+        **options: Unpack[Options],
     ) -> None: ...
     @overload
     def __init__(
-        self: "AsyncClient[Queued]",
-        url: str,
-        key: str | None = None,
-        *,
-        timeout_s: float = ...,
-        patience: Patience | None = ...,
-        outbox: PathLike,
-        outbox_bytes: int = ...,
+        self: "AsyncClient[Queued]", url: str, key: str | None = None, *, outbox: PathLike, **options: Unpack[Options]
     ) -> None: ...
     def __init__(
         self,
@@ -94,13 +87,13 @@ class AsyncClient(ClientOperations[AsyncLocationHandle[R]], Awaited, Generic[R])
         key: str | None = None,
         *,
         timeout_s: float = 60.0,
-        patience: Patience | None = None,
+        retry: RetryPolicy | None = None,
         outbox: PathLike | None = None,
         outbox_bytes: int = 1 << 30,
     ) -> None:
-        server, patience = Server(url, key), patience or Patience()
-        opened = open_outbox(outbox, outbox_bytes, server, timeout_s, patience)
-        self._connection = AsyncConnection(server, timeout_s, patience, opened)
+        server, retry = Server(url, key), retry or RetryPolicy()
+        self._connection = AsyncConnection(server, timeout_s, retry)
+        self._connection.outbox = open_outbox(outbox, outbox_bytes, server, timeout_s, retry)
         super().__init__("", self._connection)
         self.jobs = AsyncJobs("/jobs", self._connection)
         self.keys = AsyncKeys("/keys", self._connection)
@@ -133,11 +126,12 @@ class AsyncClient(ClientOperations[AsyncLocationHandle[R]], Awaited, Generic[R])
         self, location: str | None = None, kind: MessageKind | None = None, after: str | int | None = None
     ) -> AsyncIterator[Message]:
         """As `Client.events`, for `async for`."""
-        feed = Feed(self._connection.server, self._connection.patience, location, kind, after)
+        feed = Feed(self._connection.server, self._connection.retry, location, kind, after)
         while True:
             error: Exception | None = None
             try:
                 async with connect(**feed.arguments()) as socket:
+                    feed.connected()
                     async for text in socket:
                         yield feed.read(text)
             except BROKEN as broken:

@@ -2,9 +2,10 @@
 
 import time
 from collections.abc import Iterator
-from typing import Generic, Self, overload
+from typing import Generic, overload
 
 import httpx
+from typing_extensions import Self, Unpack
 from websockets.sync.client import connect
 
 from tidemap.client.administration import ClientOperations, JobOperations, KeyOperations
@@ -13,26 +14,27 @@ from tidemap.client.location import LocationOperations
 from tidemap.client.operation import Blocking, BlockingPoster, R
 from tidemap.client.outbox import Outbox, PathLike, open_outbox
 from tidemap.client.outbox.blocking import present
-from tidemap.client.patience import Patience, persistent
 from tidemap.client.plans import Plan, Reply, Request, Run, T
 from tidemap.client.posting import Post, Queued, Receipt
 from tidemap.client.requests import path_of
-from tidemap.client.transport import Server
+from tidemap.client.retry import RetryPolicy, retried
+from tidemap.client.transport import Options, Server
 from tidemap.schemas.observations import Accepted
 
 
 class Connection:
     """One pool of HTTP connections to one server, and how patiently it is used."""
 
-    def __init__(self, server: Server, timeout_s: float, patience: Patience, outbox: Outbox | None) -> None:
+    def __init__(self, server: Server, timeout_s: float, retry: RetryPolicy) -> None:
         self.server = server
-        self.patience = patience
-        self.outbox = outbox
-        self.http = httpx.Client(base_url=server.base, headers=server.headers, timeout=timeout_s)
+        self.retry = retry
+        self.timeout_s = timeout_s
+        self.outbox: Outbox | None = None
+        self.http = server.open(httpx.Client, timeout_s)
 
     def run(self, plan: Plan[T]) -> T:
         """What the plan comes to."""
-        run = Run(persistent(plan, self.patience))
+        run = Run(retried(plan, self.retry))
         while run.request is not None:
             run.send(self._carry(run.request))
         return run.result
@@ -44,7 +46,7 @@ class Connection:
     def _carry(self, request: Request) -> Reply:
         time.sleep(request.after_s)
         try:
-            return self.http.request(**request.arguments())
+            return self.http.request(**request.arguments(), timeout=self.timeout_s + request.waits_s)
         except httpx.TransportError as error:
             return error
 
@@ -64,33 +66,21 @@ class Keys(KeyOperations, Blocking):
 class Client(ClientOperations[LocationHandle[R]], Blocking, Generic[R]):
     """A Tidemap server at `url`, such as http://127.0.0.1:8000. May be shared between threads.
 
-    `timeout_s` bounds one request, `patience` how often and how long one is tried again.
+    `timeout_s` bounds one request, `retry` how often and how long it tries one again.
 
     With `outbox`, the path of a file on a local disk, observations are written there first, at most `outbox_bytes`
-    of them, and sent in the background; see `tidemap.client.outbox`. Raises OutboxError when the file is no outbox.
+    of them, and sent in the background; see `tidemap.client.outbox`.
+
+    Raises ValueError for an address or a key that cannot be one, OutboxError when the file is no outbox.
     """
 
     @overload
     def __init__(
-        self: "Client[Accepted]",
-        url: str,
-        key: str | None = None,
-        *,
-        timeout_s: float = ...,
-        patience: Patience | None = ...,
-        outbox: None = None,
-        outbox_bytes: int = ...,
+        self: "Client[Accepted]", url: str, key: str | None = None, *, outbox: None = None, **options: Unpack[Options]
     ) -> None: ...
     @overload
     def __init__(
-        self: "Client[Queued]",
-        url: str,
-        key: str | None = None,
-        *,
-        timeout_s: float = ...,
-        patience: Patience | None = ...,
-        outbox: PathLike,
-        outbox_bytes: int = ...,
+        self: "Client[Queued]", url: str, key: str | None = None, *, outbox: PathLike, **options: Unpack[Options]
     ) -> None: ...
     def __init__(
         self,
@@ -98,13 +88,13 @@ class Client(ClientOperations[LocationHandle[R]], Blocking, Generic[R]):
         key: str | None = None,
         *,
         timeout_s: float = 60.0,
-        patience: Patience | None = None,
+        retry: RetryPolicy | None = None,
         outbox: PathLike | None = None,
         outbox_bytes: int = 1 << 30,
     ) -> None:
-        server, patience = Server(url, key), patience or Patience()
-        opened = open_outbox(outbox, outbox_bytes, server, timeout_s, patience)
-        self._connection = Connection(server, timeout_s, patience, opened)
+        server, retry = Server(url, key), retry or RetryPolicy()
+        self._connection = Connection(server, timeout_s, retry)
+        self._connection.outbox = open_outbox(outbox, outbox_bytes, server, timeout_s, retry)
         super().__init__("", self._connection)
         self.jobs = Jobs("/jobs", self._connection)
         self.keys = Keys("/keys", self._connection)
@@ -139,13 +129,14 @@ class Client(ClientOperations[LocationHandle[R]], Blocking, Generic[R]):
         """What happens at the server, as it happens; connects again by itself, behind the last anomaly.
 
         `after` replays the anomalies behind that id first (0: all), so that none is missed. Raises
-        TidemapError when the server refuses, or stays out of reach longer than the client's patience.
+        TidemapError when the server refuses, or stays out of reach longer than the client tries.
         """
-        feed = Feed(self._connection.server, self._connection.patience, location, kind, after)
+        feed = Feed(self._connection.server, self._connection.retry, location, kind, after)
         while True:
             error: Exception | None = None
             try:
                 with connect(**feed.arguments()) as socket:
+                    feed.connected()
                     for text in socket:
                         yield feed.read(text)
             except BROKEN as broken:

@@ -1,4 +1,4 @@
-"""Measurements as bytes: batches of columns, each an Arrow IPC stream, or JSON where cells are rows of indices."""
+"""Measurements as bytes: batches of columns, each a table, or JSON where cells are rows of indices."""
 
 import io
 import json
@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
 
-from tidemap.client.times import TimesLike, unix_array
+from tidemap.client.optional import pa
+from tidemap.client.times import TimesLike, is_single, unix_array
 
 ARROW = "application/vnd.apache.arrow.stream"
 NPY = "application/x-npy"
@@ -31,6 +31,11 @@ class Measurements:
     def __len__(self) -> int:
         return len(self.time)
 
+    def named(self) -> dict[str, NDArray[Any]]:
+        """The columns by name."""
+        cell = {} if self.cell is None else {"cell": self.cell}
+        return {"time": self.time, **cell, "state": self.state}
+
     def part(self, start: int, stop: int) -> "Measurements":
         """The measurements [start, stop)."""
         cell = None if self.cell is None else self.cell[start:stop]
@@ -42,7 +47,7 @@ def measurements(time: TimesLike, state: Any, cell: Any = None) -> Measurements:
     states = _small(state, "state", np.uint8)
     cells = None if cell is None else _small(cell, "cell", np.uint32)
     times = unix_array(time)
-    if len(times) == 1:
+    if is_single(time):
         times = np.repeat(times, len(states))
     lengths = {"time": len(times), "state": len(states)} | ({} if cells is None else {"cell": len(cells)})
     if len(set(lengths.values())) > 1:
@@ -72,16 +77,27 @@ def batches(columns: Measurements, most: int = MEASUREMENTS_PER_POST) -> Iterato
     yield columns.part(start, len(columns))
 
 
+def table(columns: Measurements) -> tuple[str, bytes]:
+    """The columns as bytes of a media type: an Arrow IPC stream, or npy where pyarrow is not installed."""
+    return (NPY, rows(columns)) if pa is None else (ARROW, arrow(columns))
+
+
 def arrow(columns: Measurements) -> bytes:
-    """An Arrow IPC stream of the columns `time`, `cell` (if there are cells) and `state`."""
-    arrays = {"time": pa.array(columns.time), "state": pa.array(columns.state)}
-    if columns.cell is not None:
-        arrays["cell"] = pa.array(columns.cell)
-    batch = pa.RecordBatch.from_pydict(arrays)
+    """An Arrow IPC stream of the columns. Needs pyarrow."""
+    batch = pa.RecordBatch.from_pydict({name: pa.array(column) for name, column in columns.named().items()})
     sink = pa.BufferOutputStream()
     with pa.ipc.new_stream(sink, batch.schema) as stream:
         stream.write_batch(batch)
     return bytes(sink.getvalue())
+
+
+def rows(columns: Measurements) -> bytes:
+    """An npy file with one row a measurement, its fields the columns."""
+    named = columns.named()
+    table = np.empty(len(columns), [(name, column.dtype) for name, column in named.items()])
+    for name, column in named.items():
+        table[name] = column
+    return npy(table)
 
 
 def looks(columns: Measurements, rows: NDArray[np.int64]) -> bytes:
@@ -124,20 +140,9 @@ def indices(cells: Any) -> NDArray[np.int64]:
     """Rows of indices (n, 2 or 3) into a grid. Raises ValueError for what is no whole number."""
     array = np.asarray(cells)
     rows = array.astype(np.int64)
-    if not np.array_equal(rows, array):
-        raise ValueError("a row of indices [i, j, k] is of whole numbers")
+    if not np.array_equal(rows, array) or (rows < 0).any():
+        raise ValueError("a row of indices [i, j, k] is of whole numbers from 0")
     return rows
-
-
-def linear(cells: Any, shape: Sequence[int]) -> NDArray[np.int64]:
-    """Linear indices (n,) in C order of indices (n, 2 or 3) into a grid of `shape`.
-
-    >>> linear([[0, 0, 1], [1, 0, 0]], (2, 3, 4)).tolist()
-    [1, 12]
-    """
-    index = np.asarray(cells, np.int64)
-    flat: NDArray[np.int64] = np.ravel_multi_index(tuple(index.T), tuple(shape)[: index.shape[1]])
-    return flat
 
 
 def _small(values: Any, name: str, dtype: type[np.unsignedinteger[Any]]) -> NDArray[Any]:
@@ -145,6 +150,8 @@ def _small(values: Any, name: str, dtype: type[np.unsignedinteger[Any]]) -> NDAr
     array = np.atleast_1d(np.asarray(values))
     if array.size == 0:
         return np.zeros(0, dtype)
+    if array.dtype.kind not in "biuf":
+        raise ValueError(f"{name} is a column of numbers; {array.flat[0]!r} is none")
     with np.errstate(invalid="ignore"):
         small = array.astype(dtype)
     if array.ndim != 1 or not np.array_equal(small, array):

@@ -38,10 +38,13 @@ class TidemapError(Exception):
 
 
 class UnreachableError(TidemapError):
-    """No answer came: the server is down, out of reach or too slow. `status` is 0, the cause is chained."""
+    """No answer came: the server is down, out of reach or too slow. `status` is 0, the cause is chained.
 
-    def __init__(self, url: str, cause: Exception) -> None:
-        super().__init__(0, "Server unreachable", f"{url}: {cause or type(cause).__name__}")
+    `where` names the host, its port and the proxy in between.
+    """
+
+    def __init__(self, where: str, cause: Exception) -> None:
+        super().__init__(0, "Server unreachable", f"{where}: {str(cause) or type(cause).__name__}")
         self.__cause__ = cause
 
 

@@ -1,5 +1,6 @@
 """Operations on one location: what it is, what it has observed and what it predicts."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,9 +9,10 @@ from tidemap.client import answers
 from tidemap.client.administration import AnomalyOperations
 from tidemap.client.encoding import ARROW, Numbers
 from tidemap.client.operation import operation, posting
+from tidemap.client.optional import pa
 from tidemap.client.plans import Plan, Request, ask
 from tidemap.client.posting import Post, observation, sighting, whole
-from tidemap.client.requests import given, name_of, path_of, post, send
+from tidemap.client.requests import JSON, given, name_of, path_of, post, send
 from tidemap.client.times import TimeLike, TimesLike, unix, unix_array
 from tidemap.client.waiting import ended, until, wait_s
 from tidemap.schemas.anomalies import Events, Rule
@@ -103,7 +105,9 @@ class LocationOperations(AnomalyOperations):
         """
         deadline = until(wait)
         form = given(start=start, stop=stop, estimator=estimator, order=order)
-        job = yield from ask(Job, post(f"{self.path}/update", form, {"wait": wait_s(deadline)}))
+        asked_s = wait_s(deadline)
+        request = post(f"{self.path}/update", form, {"wait": asked_s})
+        job = yield from ask(Job, replace(request, waits_s=asked_s))
         return (yield from ended(job, deadline))
 
     @operation
@@ -145,8 +149,8 @@ class LocationOperations(AnomalyOperations):
             bbox=None if bbox is None else ",".join(map(str, bbox)),
             observed=observed or None,
         )
-        response = yield Request("GET", f"{self.path}/state", query, headers={"Accept": ARROW})
-        return answers.state(response.content)
+        response = yield Request("GET", f"{self.path}/state", query, headers={"Accept": JSON if pa is None else ARROW})
+        return answers.state(response.content, response.headers["Content-Type"])
 
     @operation
     def series(

@@ -23,6 +23,7 @@ class Request:
     """One HTTP request below the API's base, to be sent after a pause of `after_s` seconds.
 
     `repeatable`: sending it twice does what sending it once does; it is sent again when no answer came.
+    `waits_s`: how long the server may wait for something before it answers.
     """
 
     method: str
@@ -32,6 +33,7 @@ class Request:
     headers: Mapping[str, str] = field(default_factory=dict)
     repeatable: bool = True
     after_s: float = 0.0
+    waits_s: float = 0.0
 
     def arguments(self) -> dict[str, Any]:
         """As keyword arguments of `httpx.Client.request`."""

@@ -16,10 +16,10 @@ TimesLike: TypeAlias = TimeLike | Sequence[TimeLike] | NDArray[Any]
 def unix(time: TimeLike) -> float:
     """Unix seconds of a number, an ISO 8601 text with a zone or a datetime with a zone.
 
-    Raises ValueError for a time without a zone, NaN and infinity.
+    Raises ValueError for a time without a zone, NaN, infinity and float32, which rounds to minutes.
 
-    >>> from datetime import UTC, datetime
-    >>> unix(datetime(1970, 1, 2, tzinfo=UTC)), unix("1970-01-01T01:00:00+01:00"), unix(7)
+    >>> from datetime import datetime, timezone
+    >>> unix(datetime(1970, 1, 2, tzinfo=timezone.utc)), unix("1970-01-01T01:00:00+01:00"), unix(7)
     (86400.0, 0.0, 7.0)
     """
     if isinstance(time, datetime):
@@ -27,6 +27,15 @@ def unix(time: TimeLike) -> float:
     if isinstance(time, np.generic):
         return unix_array(np.asarray(time)).item()
     return parse_time(time)
+
+
+def is_single(times: TimesLike) -> bool:
+    """Whether it is one time and no list of times.
+
+    >>> is_single(5), is_single("1970-01-01T00:00:00Z"), is_single(np.float64(5)), is_single([5])
+    (True, True, True, False)
+    """
+    return isinstance(times, str) or getattr(times, "ndim", None) == 0 or not hasattr(times, "__len__")
 
 
 def unix_array(times: TimesLike) -> NDArray[np.float64]:
@@ -40,6 +49,8 @@ def unix_array(times: TimesLike) -> NDArray[np.float64]:
     array = np.atleast_1d(np.asarray(times))
     if array.ndim != 1:
         raise ValueError(f"times have one dimension; these have the shape {array.shape}")
+    if array.dtype.kind == "f" and array.dtype.itemsize < np.float64().itemsize:
+        raise ValueError(f"{array.dtype} is too coarse for Unix seconds, minutes off; give float64, or integers")
     if array.size == 0 or array.dtype.kind in "fiu":
         return _finite(array.astype(np.float64))
     if array.dtype.kind == "M":

@@ -3,6 +3,7 @@
 import math
 import time
 
+from tidemap.backoff import doubling
 from tidemap.client.plans import Plan, Request, ask
 from tidemap.schemas.jobs import Job
 
@@ -23,8 +24,7 @@ def wait_s(deadline: float) -> float:
 
 def ended(job: Job, deadline: float) -> Plan[Job]:
     """The job as soon as it has ended, or as it is at `deadline` (time.monotonic)."""
-    pause_s = 0.1
+    pauses = doubling(0.1, 2.0)
     while job.state not in FINISHED and time.monotonic() < deadline:
-        job = yield from ask(Job, Request("GET", f"/jobs/{job.id}", after_s=min(pause_s, wait_s(deadline))))
-        pause_s = min(2 * pause_s, 2.0)
+        job = yield from ask(Job, Request("GET", f"/jobs/{job.id}", after_s=min(next(pauses), wait_s(deadline))))
     return job

@@ -122,7 +122,8 @@ def _check(columns: Columns, start: int, target: Target) -> None:
     refuse(time < -FARTHEST_S, columns.time_field, "this is no Unix time in seconds")
     refuse((state < 0) | (state > 1), columns.state_field, "a state is 0 (free) or 1 (occupied)")
     n_cells = target.grid.n_cells
-    refuse((cell < 0) | (cell >= n_cells), columns.cell_field, f"cells are 0 to {n_cells - 1} here")
+    says = f"cells are 0 to {n_cells - 1} here, and indices [i,j,k] lie within the shape {list(target.grid.shape)}"
+    refuse((cell < 0) | (cell >= n_cells), columns.cell_field, says)
 
 
 def _refuse(start: int, wrong: NDArray[np.bool_], field: Callable[[int], str], message: str) -> None:

@@ -1,7 +1,7 @@
 """Forms that several messages share: strict bases, times in and out, pages, problems."""
 
 import math
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 from typing import Annotated, Any, Generic, TypeVar
 
 from pydantic import (
@@ -43,7 +43,8 @@ def parse_time(value: object) -> float:
 
 def _parse_iso(text: str) -> float:
     try:
-        moment = datetime.fromisoformat(text)
+        # Python 3.10 does not read the Z.
+        moment = datetime.fromisoformat(f"{text[:-1]}+00:00" if text.endswith(("Z", "z")) else text)
     except ValueError:
         try:
             seconds = float(text)
@@ -61,7 +62,7 @@ def iso(time_s: float) -> str:
     >>> iso(0), iso(1.5)
     ('1970-01-01T00:00:00Z', '1970-01-01T00:00:01.500000Z')
     """
-    return datetime.fromtimestamp(time_s, UTC).isoformat().replace("+00:00", "Z")
+    return datetime.fromtimestamp(time_s, timezone.utc).isoformat().replace("+00:00", "Z")
 
 
 TimeIn = Annotated[

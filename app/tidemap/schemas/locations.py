@@ -1,7 +1,7 @@
 """Locations on the wire."""
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 from zoneinfo import ZoneInfo
 
 from pydantic import AfterValidator, Field, Strict, model_validator
@@ -17,6 +17,8 @@ Confidence = Annotated[float, Field(ge=0.5, lt=1)]
 Missing = Literal["mask", "hold"]
 Seconds = Annotated[float, Field(gt=0, le=FARTHEST_S)]
 Metres = Annotated[float, Strict()]
+FIXED = ("kind", "interval_s", "epoch", "grid")
+"""What a location keeps as it was made."""
 
 
 def _known_zone(name: str) -> str:
@@ -106,6 +108,13 @@ class LocationPatch(Form):
     hold_s: Seconds | None = None
     retention: Seconds | None = None
     min_cells: int | None = Field(None, ge=1)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _nothing_fixed(cls, value: Any) -> Any:
+        if isinstance(value, dict) and (fixed := [name for name in FIXED if name in value]):
+            raise ValueError(f"{' and '.join(fixed)} cannot be changed later; make a new location instead")
+        return value
 
 
 class Location(Answer):

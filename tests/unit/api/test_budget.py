@@ -111,7 +111,7 @@ def test_half_read_bodies_all_come_to_their_end(seed: int) -> None:
     run(story())
 
 
-def test_patience_ends_and_the_next_in_line_goes_on() -> None:
+def test_retry_ends_and_the_next_in_line_goes_on() -> None:
     async def story() -> None:
         budget = Budget(TOTAL, 0.01)
         with budget.share() as one, budget.share() as two, budget.share() as three:

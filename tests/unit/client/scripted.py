@@ -2,6 +2,7 @@
 
 import json
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -21,12 +22,13 @@ class Received:
 
 @dataclass
 class Said:
-    """One answer. `hang_up` drops the connection after the request was read, before any answer."""
+    """One answer, `after_s` seconds late. `hang_up` drops the connection after the request was read, before it."""
 
     status: int = 200
     body: Any = None
     headers: dict[str, str] = field(default_factory=dict)
     hang_up: bool = False
+    after_s: float = 0.0
 
 
 class Script:
@@ -54,6 +56,8 @@ def scripted(*answers: Said) -> Iterator[Script]:
             content = self.rfile.read(int(self.headers.get("Content-Length", 0)))
             script.received.append(Received(self.command, self.path, dict(self.headers), content))
             said = script.next()
+            if said.after_s:
+                time.sleep(said.after_s)
             self.close_connection = said.hang_up
             if not said.hang_up:
                 self.say(said)

@@ -7,6 +7,7 @@ import pyarrow as pa
 import pytest
 
 from tidemap.client import answers
+from tidemap.client.encoding import ARROW
 
 META = {
     "time": "2026-03-01T09:00:00Z",
@@ -37,7 +38,7 @@ def columns(**more: pa.Array) -> dict[str, pa.Array]:
 
 
 def test_a_state_carries_its_columns_and_metadata() -> None:
-    state = answers.state(state_bytes(**columns()))
+    state = answers.state(state_bytes(**columns()), ARROW)
     assert (state.time, state.revision, state.shape, state.order) == (1772355600, 7, (2, 2), 3)
     assert (state.estimator, state.confidence) == ("fft", 0.9)
     assert state.verdict.tolist() == ["uncertain", "occupied"]
@@ -47,21 +48,21 @@ def test_a_state_carries_its_columns_and_metadata() -> None:
 
 def test_verdicts_may_be_dictionary_encoded() -> None:
     verdict = pa.DictionaryArray.from_arrays(pa.array([2, 1], pa.uint8()), ["free", "occupied", "uncertain"])
-    assert answers.state(state_bytes(**columns(verdict=verdict))).verdict.tolist() == [
+    assert answers.state(state_bytes(**columns(verdict=verdict)), ARROW).verdict.tolist() == [
         "uncertain",
         "occupied",
     ]
 
 
 def test_dense_puts_cells_in_c_order_and_leaves_the_unknown_unknown() -> None:
-    state = answers.state(state_bytes(**columns()))
+    state = answers.state(state_bytes(**columns()), ARROW)
     np.testing.assert_array_equal(state.dense(), np.array([[0.25, np.nan], [np.nan, 1]], np.float32))
     np.testing.assert_array_equal(state.dense("state"), [[0, -1], [-1, 1]])
 
 
 def test_what_was_never_observed_is_minus_one_and_nan() -> None:
     state = answers.state(
-        state_bytes(**columns(observed=pa.array([None, 1], pa.uint8()), observed_time=pa.array([None, 60.0])))
+        state_bytes(**columns(observed=pa.array([None, 1], pa.uint8()), observed_time=pa.array([None, 60.0]))), ARROW
     )
     assert state.observed is not None
     assert state.observed_time is not None
@@ -71,12 +72,12 @@ def test_what_was_never_observed_is_minus_one_and_nan() -> None:
 
 def test_a_column_that_was_not_asked_for_says_how_to_get_it() -> None:
     with pytest.raises(ValueError, match="observed=True"):
-        answers.state(state_bytes(**columns())).dense("observed")
+        answers.state(state_bytes(**columns()), ARROW).dense("observed")
 
 
 def test_an_empty_state_is_no_error() -> None:
     empty = {name: column.slice(0, 0) for name, column in columns().items()}
-    state = answers.state(state_bytes(**empty))
+    state = answers.state(state_bytes(**empty), ARROW)
     assert (len(state.cell), len(state.verdict)) == (0, 0)
     assert np.isnan(state.dense()).all()
 
@@ -128,3 +129,13 @@ def test_a_series_marks_what_is_unknown() -> None:
     series = answers.series(json.dumps(said).encode())
     assert (series.state.tolist(), series.observed.tolist(), series.cell) == ([0, -1], [-1, 1], 1)
     assert np.isnan(series.probability[1])
+
+
+def test_json_says_the_same_as_arrow() -> None:
+    seen = columns(observed=pa.array([1, None], pa.int8()), observed_time=pa.array([60.0, None]))
+    said = META | {name: column.to_pylist() for name, column in seen.items()}
+    one, other = answers.state(state_bytes(**seen), ARROW), answers.state(json.dumps(said).encode(), "application/json")
+    for name in ("cell", "probability", "state", "verdict", "observed", "observed_time", "unavailable"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+        assert getattr(one, name).dtype.kind == getattr(other, name).dtype.kind
+    assert (one.time, one.shape, one.revision) == (other.time, other.shape, other.revision)

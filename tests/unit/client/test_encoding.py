@@ -1,12 +1,14 @@
 """Measurements as columns, batches and Arrow."""
 
+import io
+
 import numpy as np
 import pyarrow as pa
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tidemap.client.encoding import Measurements, arrow, batches, linear, look, measurements
+from tidemap.client.encoding import Measurements, arrow, batches, look, measurements, rows
 
 
 def joined(parts: list[Measurements]) -> tuple[list[float], list[int], list[int]]:
@@ -82,10 +84,27 @@ def test_arrow_has_the_columns_of_the_contract(cell: list[int] | None) -> None:
         assert table.schema.field("cell").type == pa.uint32()
 
 
-def test_rows_of_indices_are_c_order() -> None:
-    shape = (4, 3, 2)
-    index = np.argwhere(np.ones(shape))
-    assert linear(index, shape).tolist() == list(range(24))
-    assert linear([[3, 2]], (4, 3, 1)).tolist() == [11]
-    with pytest.raises(ValueError, match="invalid entry"):
-        linear([[4, 0, 0]], shape)
+@pytest.mark.parametrize("time", [np.float32(1795874165.3), np.array([1795874165.3], np.float32), np.float16(3)])
+def test_times_too_coarse_for_a_second_are_refused(time: object) -> None:
+    with pytest.raises(ValueError, match="too coarse for Unix seconds"):
+        measurements(time, [1])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("state", [["on"], [None], ["1"]])
+def test_a_state_that_is_no_number_is_named(state: list[object]) -> None:
+    with pytest.raises(ValueError, match="state is a column of numbers"):
+        measurements([0.0], state)
+
+
+def test_a_time_in_a_list_is_for_one_state_and_a_time_alone_for_all() -> None:
+    with pytest.raises(ValueError, match="columns differ in length"):
+        measurements([0.0], [0, 1])
+    assert measurements(5.0, [0, 1]).time.tolist() == [5.0, 5.0]
+
+
+@pytest.mark.parametrize("cell", [None, [3, 4]])
+def test_rows_of_a_table_are_what_the_server_reads(cell: list[int] | None) -> None:
+    table = np.load(io.BytesIO(rows(measurements([1.0, 2.0], [1, 0], cell))))
+    assert table.dtype.names == (("time", "state") if cell is None else ("time", "cell", "state"))
+    assert table["time"].tolist() == [1.0, 2.0]
+    assert cell is None or table["cell"].tolist() == cell

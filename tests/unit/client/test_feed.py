@@ -12,9 +12,9 @@ import pytest
 from websockets.http11 import Request, Response
 from websockets.sync.server import ServerConnection, serve
 
-from tidemap.client import AsyncClient, Client, Message, Patience, TidemapError, UnreachableError
+from tidemap.client import AsyncClient, Client, Message, RetryPolicy, TidemapError, UnreachableError
 
-QUICK = Patience(tries=3, first_s=0.001, most_s=0.01)
+QUICK = RetryPolicy(tries=3, first_s=0.001, max_s=0.01)
 
 
 def message(kind: str, number: int) -> str:
@@ -65,14 +65,14 @@ def streaming(*connections: tuple[int, list[str]]) -> Iterator[Stream]:
 
 
 def blocking(url: str, n: int) -> list[Message]:
-    with Client(url, key="tm_k", patience=QUICK) as client:
+    with Client(url, key="tm_k", retry=QUICK) as client:
         return list(islice(client.events(location="lab"), n))
 
 
 def awaited(url: str, n: int) -> list[Message]:
     async def read() -> list[Message]:
         found: list[Message] = []
-        async with AsyncClient(url, key="tm_k", patience=QUICK) as client:
+        async with AsyncClient(url, key="tm_k", retry=QUICK) as client:
             async for each in client.events(location="lab"):
                 found.append(each)
                 if len(found) == n:
@@ -127,7 +127,7 @@ def test_a_close_that_means_no_is_not_asked_again(read: Read, code: int, status:
 
 
 @both
-def test_patience_ends_when_nothing_comes_back(read: Read) -> None:
+def test_retry_ends_when_nothing_comes_back(read: Read) -> None:
     with streaming() as stream:
         stream.refuse = 503
         with pytest.raises(TidemapError) as caught:
@@ -136,3 +136,11 @@ def test_patience_ends_when_nothing_comes_back(read: Read) -> None:
         assert len(stream.queries) == QUICK.tries
     with pytest.raises(UnreachableError):
         read(stream.url, 1)
+
+
+@both
+def test_connections_that_end_without_a_message_are_no_failures(read: Read) -> None:
+    quiet = [(1001, [])] * (3 * QUICK.tries)
+    with streaming(*quiet, (1001, [message("anomaly", 8)])) as stream:
+        assert [each.id for each in read(stream.url, 1)] == [8]
+    assert len(stream.queries) == len(quiet) + 1

@@ -34,3 +34,19 @@ def test_operations_document_themselves_like_methods() -> None:
     for handle in (LocationHandle, AsyncLocationHandle):
         assert "confidence" in inspect.signature(handle.state).parameters
         assert handle.observe.__doc__
+
+
+def test_the_version_is_that_of_the_package() -> None:
+    import tomllib
+
+    import tidemap
+
+    assert tidemap.__version__ == tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+
+
+def test_the_client_is_imported_from_the_package_and_nothing_else_is() -> None:
+    import tidemap
+    from tidemap import client
+
+    assert (tidemap.Client, tidemap.AsyncClient) == (client.Client, client.AsyncClient)
+    assert not hasattr(tidemap, "TidemapError")

@@ -14,10 +14,10 @@ import pytest
 
 from tests.support.waiting import WAIT_S, until
 from tests.unit.client.scripted import Received, Said, Script, scripted
-from tests.unit.client.test_patience import BUSY, HANG_UP, QUICK, STORED
-from tidemap.client import AsyncClient, Client, OutboxError, OutboxFullError, Patience, Pending, Queued
-from tidemap.client.outbox.rests import ALL, Rests
-from tidemap.client.outbox.verdict import Fate, judge
+from tests.unit.client.test_retry import BUSY, HANG_UP, QUICK, STORED
+from tidemap.client import AsyncClient, Client, OutboxError, OutboxFullError, Pending, Queued, RetryPolicy
+from tidemap.client.outbox.backoff import ALL, Backoff
+from tidemap.client.outbox.outcome import SendOutcome, judge
 from tidemap.client.posting import observation, sighting
 
 OK = Said(201, STORED)
@@ -31,8 +31,8 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "outbox.db"
 
 
-def client(script: Script, path: Path, patience: Patience = QUICK, **how: Any) -> Client[Queued]:
-    return Client(script.url, patience=patience, outbox=path, **how)
+def client(script: Script, path: Path, retry: RetryPolicy = QUICK, **how: Any) -> Client[Queued]:
+    return Client(script.url, retry=retry, outbox=path, **how)
 
 
 def keys(received: list[Received]) -> list[str]:
@@ -106,8 +106,8 @@ def test_the_refused_is_kept_until_somebody_decides(path: Path) -> None:
 
 
 def test_a_location_that_fails_holds_up_no_other(path: Path) -> None:
-    slow = Patience(first_s=0.3, most_s=0.3)
-    with scripted(Said(500, BUSY), OK) as script, client(script, path, patience=slow) as robot:
+    slow = RetryPolicy(first_s=0.3, max_s=0.3)
+    with scripted(Said(500, BUSY), OK) as script, client(script, path, retry=slow) as robot:
         for name in ("broken", "broken", "fine"):
             robot.location(name).observe([0.0], [1])
         until(lambda: len(script.received) == 4)
@@ -128,8 +128,8 @@ def test_a_server_that_is_busy_is_left_alone_as_long_as_it_asks(path: Path) -> N
 
 
 def test_flush_does_not_wait_for_the_end_of_a_pause(path: Path) -> None:
-    patient = Patience(first_s=500, most_s=500)
-    with scripted(HANG_UP, OK) as script, client(script, path, patience=patient) as robot:
+    patient = RetryPolicy(first_s=500, max_s=500)
+    with scripted(HANG_UP, OK) as script, client(script, path, retry=patient) as robot:
         robot.location("door").observe([0.0], [1])
         until(lambda: robot.outbox.pending.last_error is not None)
         assert robot.outbox.flush(WAIT_S)
@@ -216,17 +216,11 @@ def test_cells_as_rows_need_no_server(path: Path) -> None:
     ]
 
 
-def test_rows_are_the_linear_cells_of_a_shape() -> None:
-    shape = (4, 3, 2)
-    cells = np.argwhere(np.ones(shape))[::-1]
-    post = observation("/locations/lab", np.arange(24), np.arange(24) % 2, cells).linear(shape)
-    assert post.columns.cell is not None
-    assert (post.columns.cell.tolist(), post.columns.cell.dtype) == (list(range(24))[::-1], np.uint32)
-    seen = sighting("/locations/lab", 0, cells[:2], cells[2:3]).linear(shape).columns
-    assert seen.cell is not None
-    assert dict(zip(seen.cell.tolist(), seen.state.tolist(), strict=True)) == {23: 1, 22: 1, 21: 0}
+def test_cells_are_indices_or_rows_and_not_both() -> None:
     with pytest.raises(ValueError, match="both as linear indices or both as rows"):
         sighting("/locations/lab", 0, [[0, 0, 1]], [3])
+    with pytest.raises(ValueError, match="whole numbers from 0"):
+        observation("/locations/lab", [0], [1], [[-1, 2]])
 
 
 def test_several_clients_on_one_file_send_every_batch_once(path: Path) -> None:
@@ -282,7 +276,7 @@ def test_a_client_without_outbox_says_so() -> None:
 
 def test_the_asynchronous_client_queues_too(path: Path) -> None:
     async def run(url: str) -> None:
-        async with AsyncClient(url, patience=QUICK, outbox=path) as robot:
+        async with AsyncClient(url, retry=QUICK, outbox=path) as robot:
             door = robot.location("door")
             assert await door.observe([0.0], [1], idempotency_key="first") == Queued(1, 1)
             assert await door.observe([0.0], [2], idempotency_key="bad") == Queued(1, 1)
@@ -305,27 +299,27 @@ def test_the_asynchronous_client_queues_too(path: Path) -> None:
 
 def test_pauses_double_until_the_server_answers_and_respect_what_it_asks() -> None:
     now = [100.0]
-    rests = Rests(Patience(first_s=1, most_s=4), lambda: now[0])
-    assert (rests.left_s(), rests.paths(), rests.next_s()) == (0, [], float("inf"))
+    backoff = Backoff(RetryPolicy(first_s=1, max_s=4), lambda: now[0])
+    assert (backoff.left_s(), backoff.paths(), backoff.next_s()) == (0, [], float("inf"))
     for longest in (1, 2, 4, 4):
-        rests.failed(ALL, None)
-        assert longest / 2 <= rests.left_s() <= longest
-    rests.failed("a", 10)
-    rests.failed("b", None)
-    assert rests.paths() == ["a", "b"]
-    assert rests.next_s() <= 1
-    rests.hurry()
-    assert (rests.left_s(), rests.paths(), rests.next_s()) == (0, ["a"], 10)
+        backoff.failed(ALL, None)
+        assert longest / 2 <= backoff.left_s() <= longest
+    backoff.failed("a", 10)
+    backoff.failed("b", None)
+    assert backoff.paths() == ["a", "b"]
+    assert backoff.next_s() <= 1
+    backoff.hurry()
+    assert (backoff.left_s(), backoff.paths(), backoff.next_s()) == (0, ["a"], 10)
     now[0] += 10
-    assert rests.paths() == []
-    rests.failed("a", 1e9)
-    assert rests.next_s() == 900
-    rests.answered("a")
-    rests.failed(ALL, None)
-    assert rests.left_s() <= 1
+    assert backoff.paths() == []
+    backoff.failed("a", 1e9)
+    assert backoff.next_s() == 900
+    backoff.answered("a")
+    backoff.failed(ALL, None)
+    assert backoff.left_s() <= 1
 
 
 @pytest.mark.parametrize("error", [httpx.ReadTimeout("slow"), httpx.DecodingError("no gzip")])
 def test_a_failure_of_one_request_says_nothing_of_others(error: httpx.RequestError) -> None:
-    assert judge("/locations/door", error).fate is Fate.WAIT
-    assert judge("/locations/door", httpx.ConnectError("down")).fate is Fate.ALL_WAIT
+    assert judge("/locations/door", error).outcome is SendOutcome.WAIT
+    assert judge("/locations/door", httpx.ConnectError("down")).outcome is SendOutcome.ALL_WAIT

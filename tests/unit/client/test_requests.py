@@ -121,6 +121,13 @@ def test_update_asks_until_the_job_has_ended() -> None:
     assert json.loads(script.received[0].content) == {"order": 3}
 
 
+def test_a_short_timeout_asks_for_one_job_and_lets_the_server_wait() -> None:
+    late = Said(body=JOB | {"state": "done", "progress": 1}, after_s=0.5)
+    with scripted(late) as script, Client(script.url, timeout_s=0.1) as client:
+        assert client.location("lab").update().state == "done"
+    assert len(script.received) == 1
+
+
 @pytest.mark.parametrize("wait", [False, 0.3])
 def test_update_waits_no_longer_than_asked(wait: float) -> None:
     with scripted(Said(202, JOB)) as script, Client(script.url) as client:

@@ -6,8 +6,9 @@ returned for is stored exactly once, for each batch got its idempotency key befo
 knows a key for 7 days at least. A robot that lost its answer and comes back later than that may repeat a batch.)
 
 What the server refuses for good (a status 4xx that does not pass) is put aside with the server's words and blocks
-nothing; see `refused`, `retry` and `discard`. With everything else (no connection, an overloaded or failing server,
-a key that is not valid or not for that location) it waits and tries again for ever.
+nothing; see `refused`, `retry`, `move` and `discard`, or the command `tidemap outbox`. With everything else (no
+connection, an overloaded or failing server, a key that is not valid or not for that location) it waits and tries again
+for ever.
 
 An outbox belongs to one server and one key. Several clients and processes may use one file at the same time: one of
 them sends, and another takes over when it ends. A process that forks opens its client afterwards. The file lies on a

@@ -47,6 +47,10 @@ class AsyncOutbox:
         """Send a refused batch again, before all later ones of its location. Raises OutboxError if there is none."""
         await asyncio.to_thread(self._outbox.retry, number)
 
+    async def move(self, number: int, location: str) -> None:
+        """Send a refused batch to the location of this name. Raises OutboxError if there is none."""
+        await asyncio.to_thread(self._outbox.move, number, location)
+
     async def discard(self, number: int) -> None:
         """Throw a refused batch away. Raises OutboxError if there is none."""
         await asyncio.to_thread(self._outbox.discard, number)

@@ -11,8 +11,9 @@ from tidemap.client.errors import OutboxError
 from tidemap.client.outbox.file import prepare
 from tidemap.client.outbox.sender import Sender
 from tidemap.client.outbox.store import Pending, Refused, Store
-from tidemap.client.patience import Patience
 from tidemap.client.posting import Post, Queued
+from tidemap.client.requests import path_of
+from tidemap.client.retry import RetryPolicy
 from tidemap.client.transport import Server
 
 PathLike: TypeAlias = str | os.PathLike[str]
@@ -74,6 +75,11 @@ class Outbox:
         self._store.retry(number)
         self._sender.wake()
 
+    def move(self, number: int, location: str) -> None:
+        """Send a refused batch to the location of this name. Raises OutboxError if there is none."""
+        self._store.move(number, path_of(location))
+        self._sender.wake()
+
     def discard(self, number: int) -> None:
         """Throw a refused batch away. Raises OutboxError if there is none."""
         self._store.discard(number)
@@ -93,14 +99,14 @@ class Outbox:
 
 
 def open_outbox(
-    path: PathLike | None, most_bytes: int, server: Server, timeout_s: float, patience: Patience
+    path: PathLike | None, most_bytes: int, server: Server, timeout_s: float, retry: RetryPolicy
 ) -> Outbox | None:
     """The outbox at `path`, sending; none without a path. Raises OutboxError when the file is no outbox."""
     if path is None:
         return None
     absolute = Path(path).absolute()
     prepare(absolute)
-    return Outbox(absolute, most_bytes, Sender(absolute, server, timeout_s, patience))
+    return Outbox(absolute, most_bytes, Sender(absolute, server, timeout_s, retry))
 
 
 def present(outbox: Outbox | None) -> Outbox:

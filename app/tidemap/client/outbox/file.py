@@ -16,16 +16,27 @@ LOCKED_S = 30.0
 CHECKED_PAGES = 16_384
 """Files of up to 64 MB are read whole when they are opened, to find damage early."""
 
+BUSY, READONLY, IOERR, CORRUPT, FULL, CANTOPEN, NOTADB = 5, 8, 10, 11, 13, 14, 26
+"""SQLite's primary result codes."""
 WORDS = {
-    sqlite3.SQLITE_FULL: "the disk is full",
-    sqlite3.SQLITE_NOTADB: "this is no outbox but another file",
-    sqlite3.SQLITE_CORRUPT: "the file is damaged",
-    sqlite3.SQLITE_CANTOPEN: "it cannot be opened; see that its folder exists and may be written to",
-    sqlite3.SQLITE_READONLY: "it may not be written to",
-    sqlite3.SQLITE_BUSY: "another process keeps it locked",
-    sqlite3.SQLITE_IOERR: "the disk does not read or write, or is full",
+    FULL: "the disk is full",
+    NOTADB: "this is no outbox but another file",
+    CORRUPT: "the file is damaged",
+    CANTOPEN: "it cannot be opened; see that its folder exists and may be written to",
+    READONLY: "it may not be written to",
+    BUSY: "another process keeps it locked",
+    IOERR: "the disk does not read or write, or is full",
 }
-"""By SQLite's primary result code."""
+MESSAGES = {
+    "database is locked": BUSY,
+    "attempt to write a readonly database": READONLY,
+    "disk I/O error": IOERR,
+    "database disk image is malformed": CORRUPT,
+    "database or disk is full": FULL,
+    "unable to open database file": CANTOPEN,
+    "file is not a database": NOTADB,
+}
+"""SQLite's own words for them: before Python 3.11 an error carries no code."""
 
 SCHEMA = """
 CREATE TABLE batch (
@@ -61,14 +72,23 @@ END;
 """`held` counts what is waiting (refused 0) and what is refused (1), so that nobody has to."""
 
 
+def code_of(error: BaseException | None) -> int:
+    """SQLite's primary result code of an error, 0 where it has none.
+
+    >>> code_of(sqlite3.OperationalError("database is locked")) == BUSY
+    True
+    """
+    code: int | None = getattr(error, "sqlite_errorcode", None)
+    return MESSAGES.get(str(error), 0) if code is None else code & 0xFF
+
+
 @contextmanager
 def explained(path: Path) -> Iterator[None]:
     """Turns SQLite's errors into OutboxError."""
     try:
         yield
     except sqlite3.Error as error:
-        code = getattr(error, "sqlite_errorcode", 0) & 0xFF
-        raise OutboxError(f"{path}: {WORDS.get(code, 'the outbox failed')} ({error})") from error
+        raise OutboxError(f"{path}: {WORDS.get(code_of(error), 'the outbox failed')} ({error})") from error
 
 
 def connect(path: Path, timeout_s: float = LOCKED_S) -> sqlite3.Connection:
@@ -88,7 +108,7 @@ def prepare(path: Path) -> None:
                 return _prepare(path, db)
         except OutboxError as error:
             # Another process is just making it: that locks in ways that SQLite does not wait for.
-            if getattr(error.__cause__, "sqlite_errorcode", 0) & 0xFF != sqlite3.SQLITE_BUSY:
+            if code_of(error.__cause__) != BUSY:
                 raise
             if time.monotonic() > deadline:
                 raise

@@ -8,11 +8,11 @@ from pathlib import Path
 import httpx
 
 from tidemap.client.errors import OutboxError, TidemapError
-from tidemap.client.outbox.rests import ALL, Rests
+from tidemap.client.outbox.backoff import ALL, Backoff
+from tidemap.client.outbox.lock import SenderLock
+from tidemap.client.outbox.outcome import SendOutcome, Verdict, judge, words
 from tidemap.client.outbox.store import Kept, Store
-from tidemap.client.outbox.turn import Turn
-from tidemap.client.outbox.verdict import Fate, Verdict, judge, words
-from tidemap.client.patience import Patience
+from tidemap.client.retry import RetryPolicy
 from tidemap.client.transport import Server
 
 log = logging.getLogger(__name__)
@@ -28,11 +28,11 @@ STOP_S = 5.0
 class Sender:
     """Sends what is in the outbox at `path` to a server: in order for each location, and without end."""
 
-    def __init__(self, path: Path, server: Server, timeout_s: float, patience: Patience) -> None:
+    def __init__(self, path: Path, server: Server, timeout_s: float, retry: RetryPolicy) -> None:
         self._path = path
         self._server = server
         self._timeout = httpx.Timeout(timeout_s, connect=min(timeout_s, CONNECT_S))
-        self._rests = Rests(patience)
+        self._backoff = Backoff(retry)
         self._woken = threading.Event()
         self._hurried = threading.Event()
         self._stopped = threading.Event()
@@ -66,40 +66,42 @@ class Sender:
                 # Whatever it was: a thread that ended would keep the rest from the server without a word.
                 unexpected = None if isinstance(error, OutboxError) else error
                 self._say("the outbox could not go on sending", error, unexpected)
-                self._rests.failed(ALL, None)
-                self._stopped.wait(self._rests.left_s())
+                self._backoff.failed(ALL, None)
+                self._stopped.wait(self._backoff.left_s())
 
     def _work(self) -> None:
         server = self._server
         with (
-            closing(Turn(self._path)) as turn,
+            closing(SenderLock(self._path)) as lock,
             closing(Store(self._path, durable=False)) as store,
-            httpx.Client(base_url=server.base, headers=server.headers, timeout=self._timeout) as http,
+            server.open(httpx.Client, self._timeout) as http,
         ):
             store.tidy()
             while not self._stopped.is_set():
-                self._woken.wait(self._step(turn, store, http))
+                self._woken.wait(self._step(lock, store, http))
                 self._woken.clear()
 
-    def _step(self, turn: Turn, store: Store, http: httpx.Client) -> float:
+    def _step(self, lock: SenderLock, store: Store, http: httpx.Client) -> float:
         """Send the next batch if there is one to send now. Seconds until there is sense in another step."""
         if self._hurried.is_set():
             self._hurried.clear()
-            self._rests.hurry()
-        if not turn.taken():
+            self._backoff.hurry()
+        if not lock.taken():
             return LOOK_S
-        if (left_s := self._rests.left_s()) > 0:
+        if (left_s := self._backoff.left_s()) > 0:
             return left_s
-        kept = store.first(but=self._rests.paths())
+        kept = store.first(but=self._backoff.paths())
         if kept is None:
             store.shrink()
-            return max(0.0, min(self._rests.next_s(), LOOK_S))
+            return max(0.0, min(self._backoff.next_s(), LOOK_S))
         self._decide(store, kept, self._sent(http, kept))
         return 0.0
 
     def _sent(self, http: httpx.Client, kept: Kept) -> Verdict:
         if kept.damaged:
-            return Verdict(Fate.REFUSED, TidemapError(0, "Damaged", "the bytes on the disk are not those written"))
+            return Verdict(
+                SendOutcome.REFUSED, TidemapError(0, "Damaged", "the bytes on the disk are not those written")
+            )
         path = kept.batch.path
         try:
             return judge(path, http.request(**kept.batch.request().arguments()))
@@ -110,15 +112,15 @@ class Sender:
         path, error = kept.batch.path, verdict.error
         if error is None:
             store.sent(kept.id)
-            self._rests.answered(path)
+            self._backoff.answered(path)
             self._last_words = ""
-        elif verdict.fate is Fate.REFUSED:
+        elif verdict.outcome is SendOutcome.REFUSED:
             log.warning("%s refused %d measurements: %s", path, kept.batch.measurements, words(error))
             store.refuse(kept.id, error.status, words(error))
-            self._rests.answered(path)
+            self._backoff.answered(path)
         else:
             self._say(f"the outbox waits at {path}", words(error))
-            self._rests.failed(ALL if verdict.fate is Fate.ALL_WAIT else path, error.retry_after_s)
+            self._backoff.failed(ALL if verdict.outcome is SendOutcome.ALL_WAIT else path, error.retry_after_s)
             store.failed(kept.id, words(error))
 
     def _say(self, what: str, why: object, traceback: Exception | None = None) -> None:

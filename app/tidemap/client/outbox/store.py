@@ -140,6 +140,10 @@ class Store:
         """Let a refused batch wait again, in the place it had. Raises OutboxError if there is none."""
         self._decide(number, "UPDATE batch SET refused = NULL WHERE id = ? AND refused IS NOT NULL")
 
+    def move(self, number: int, path: str) -> None:
+        """Let a refused batch wait again, for the location at `path`. Raises OutboxError if there is none."""
+        self._decide(number, "UPDATE batch SET refused = NULL, path = ? WHERE id = ? AND refused IS NOT NULL", path)
+
     def discard(self, number: int) -> None:
         """Throw a refused batch away. Raises OutboxError if there is none."""
         self._decide(number, "DELETE FROM batch WHERE id = ? AND refused IS NOT NULL")
@@ -182,9 +186,9 @@ class Store:
         if shutil.disk_usage(self._path.parent).free < needed:
             raise OutboxError(f"{self._path}: the disk is full; {needed} bytes must be free, for work on the file too")
 
-    def _decide(self, number: int, sql: str) -> None:
+    def _decide(self, number: int, sql: str, *values: str) -> None:
         with self._transaction() as db:
-            if db.execute(sql, [number]).rowcount == 0:
+            if db.execute(sql, [*values, number]).rowcount == 0:
                 raise OutboxError(f"{self._path}: no refused batch has the id {number}")
 
     @contextmanager

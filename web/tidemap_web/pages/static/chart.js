@@ -104,7 +104,7 @@ function drawForecast(state) {
   };
 }
 
-function drawBack(state, zone) {
+function drawBack(state) {
   return (chart) => {
     const { ctx, bbox } = chart;
     const c = colours();
@@ -191,7 +191,7 @@ export function draw(host, reading, state, zone, zoomed) {
         },
       ],
       hooks: {
-        drawClear: [drawBack(state, zone)],
+        drawClear: [drawBack(state)],
         draw: [drawStrips(state), drawForecast(state)],
         setCursor: [read],
         setSelect: [

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from tidemap.client.patience import Patience
+from tidemap.client.retry import RetryPolicy
 
 LONGEST_ASKED_S = 900.0
 """A server that asks for a longer pause (Retry-After) is asked again after this one."""
@@ -21,39 +21,39 @@ class Rest:
     asked: float = -math.inf
 
 
-class Rests:
+class Backoff:
     """Pauses of locations, by path, and of everything, which double from failure to failure."""
 
-    def __init__(self, patience: Patience, clock: Callable[[], float] = time.monotonic) -> None:
-        self._patience = patience
+    def __init__(self, retry: RetryPolicy, clock: Callable[[], float] = time.monotonic) -> None:
+        self._retry = retry
         self._clock = clock
-        self._rests: dict[str, Rest] = {}
+        self._backoff: dict[str, Rest] = {}
 
     def failed(self, path: str, asked_s: float | None) -> None:
         """Nothing is sent to the location at `path` (ALL: to any) for a pause, or as long as the server asked."""
-        rest = self._rests.setdefault(path, Rest(self._patience.pauses()))
+        rest = self._backoff.setdefault(path, Rest(self._retry.pauses()))
         rest.asked = self._clock() + min(asked_s or 0.0, LONGEST_ASKED_S)
         rest.until = max(self._clock() + next(rest.pauses), rest.asked)
 
     def answered(self, path: str) -> None:
         """The server has decided on a batch of the location at `path`: no pause is left."""
-        self._rests.pop(path, None)
-        self._rests.pop(ALL, None)
+        self._backoff.pop(path, None)
+        self._backoff.pop(ALL, None)
 
     def hurry(self) -> None:
         """Cut pauses to what the server has asked for."""
-        for rest in self._rests.values():
+        for rest in self._backoff.values():
             rest.until = rest.asked
 
     def left_s(self) -> float:
         """Seconds until anything may be sent; 0 or less: now."""
-        return self._rests[ALL].until - self._clock() if ALL in self._rests else 0.0
+        return self._backoff[ALL].until - self._clock() if ALL in self._backoff else 0.0
 
     def paths(self) -> list[str]:
         """The locations that nothing is sent to now."""
         now = self._clock()
-        return [path for path, rest in self._rests.items() if path != ALL and rest.until > now]
+        return [path for path, rest in self._backoff.items() if path != ALL and rest.until > now]
 
     def next_s(self) -> float:
         """Seconds until the first of these locations may be sent to; infinite if there is none."""
-        return min((self._rests[path].until for path in self.paths()), default=math.inf) - self._clock()
+        return min((self._backoff[path].until for path in self.paths()), default=math.inf) - self._clock()

@@ -3,10 +3,10 @@
 import sqlite3
 from pathlib import Path
 
-from tidemap.client.outbox.file import connect, explained
+from tidemap.client.outbox.file import BUSY, code_of, connect, explained
 
 
-class Turn:
+class SenderLock:
     """A lock among all clients and processes of this machine, which its holder's death releases.
 
     It is SQLite's own lock on an empty file beside the outbox, which works on every system and, other than
@@ -20,13 +20,13 @@ class Turn:
         self._db.execute("PRAGMA journal_mode = MEMORY")
 
     def taken(self) -> bool:
-        """Whether it is this one's turn, which then lasts until `close`."""
+        """Whether this one holds the lock, which it then does until `close`."""
         with explained(self._path):
             if not self._db.in_transaction:
                 try:
                     self._db.execute("BEGIN EXCLUSIVE")
                 except sqlite3.OperationalError as error:
-                    if error.sqlite_errorcode & 0xFF != sqlite3.SQLITE_BUSY:
+                    if code_of(error) != BUSY:
                         raise
             return self._db.in_transaction
 

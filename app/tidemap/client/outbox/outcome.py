@@ -6,12 +6,13 @@ from enum import Enum, auto
 import httpx
 from pydantic import ValidationError
 
-from tidemap.client.errors import TidemapError, UnreachableError, problem_of
-from tidemap.client.patience import NEVER_SENT
+from tidemap.client.address import unreachable
+from tidemap.client.errors import TidemapError, problem_of
+from tidemap.client.retry import NEVER_SENT
 from tidemap.schemas.observations import Accepted
 
 
-class Fate(Enum):
+class SendOutcome(Enum):
     """What becomes of the batch."""
 
     STORED = auto()
@@ -32,24 +33,26 @@ PASSING = frozenset({403, 408, 425})
 class Verdict:
     """The fate of a batch, and the error if it was not stored."""
 
-    fate: Fate
+    outcome: SendOutcome
     error: TidemapError | None = None
 
 
 def judge(path: str, reply: httpx.Response | httpx.RequestError) -> Verdict:
     """What came of sending a batch to the location at `path`."""
     if isinstance(reply, httpx.RequestError):
-        return Verdict(Fate.ALL_WAIT if isinstance(reply, NEVER_SENT) else Fate.WAIT, UnreachableError(path, reply))
+        return Verdict(
+            SendOutcome.ALL_WAIT if isinstance(reply, NEVER_SENT) else SendOutcome.WAIT, unreachable(path, reply)
+        )
     status = reply.status_code
     if status in (200, 201) and _is_receipt(reply.content):
-        return Verdict(Fate.STORED)
+        return Verdict(SendOutcome.STORED)
     error = problem_of(reply)
     if status < 400:
         # The page of a network that wants a sign-in first, for example: it must not pass for a receipt.
-        return Verdict(Fate.ALL_WAIT, TidemapError(status, "No answer of a Tidemap server", error.detail))
+        return Verdict(SendOutcome.ALL_WAIT, TidemapError(status, "No answer of a Tidemap server", error.detail))
     if status in NOBODY_SERVED:
-        return Verdict(Fate.ALL_WAIT, error)
-    return Verdict(Fate.WAIT if status in PASSING or status >= 500 else Fate.REFUSED, error)
+        return Verdict(SendOutcome.ALL_WAIT, error)
+    return Verdict(SendOutcome.WAIT if status in PASSING or status >= 500 else SendOutcome.REFUSED, error)
 
 
 def words(error: TidemapError) -> str:

@@ -5,10 +5,10 @@ from itertools import islice
 import pytest
 
 from tests.unit.client.scripted import Said, Script, scripted
-from tidemap.client import AsyncClient, Client, Patience, TidemapError, UnreachableError
+from tidemap.client import AsyncClient, Client, RetryPolicy, TidemapError, UnreachableError
 from tidemap.schemas.observations import Accepted
 
-QUICK = Patience(tries=4, first_s=0.001, most_s=2.0)
+QUICK = RetryPolicy(tries=4, first_s=0.001, max_s=2.0)
 STORED = {
     "accepted": 1,
     "duplicate": False,
@@ -22,7 +22,7 @@ HANG_UP = Said(hang_up=True)
 
 
 def observe(script: Script) -> Accepted:
-    with Client(script.url, patience=QUICK) as client:
+    with Client(script.url, retry=QUICK) as client:
         return client.location("door").observe([0.0], [1])
 
 
@@ -63,7 +63,7 @@ def test_a_server_that_asks_for_more_than_the_patience_is_not_waited_for() -> No
     assert len(script.received) == 1
 
 
-def test_patience_ends_with_the_servers_own_words() -> None:
+def test_retry_ends_with_the_servers_own_words() -> None:
     with scripted(Said(503, BUSY)) as script, pytest.raises(TidemapError, match="Send this again") as caught:
         observe(script)
     assert (caught.value.status, caught.value.title) == (503, "Queue full")
@@ -93,7 +93,7 @@ def test_an_error_that_is_no_problem_document_still_says_what_it_was() -> None:
 def test_what_may_have_been_done_is_not_done_again() -> None:
     with (
         scripted(HANG_UP) as script,
-        Client(script.url, patience=QUICK) as client,
+        Client(script.url, retry=QUICK) as client,
         pytest.raises(UnreachableError) as caught,
     ):
         client.create_location("door", interval_s=60)
@@ -105,19 +105,19 @@ def test_what_may_have_been_done_is_not_done_again() -> None:
 def test_what_was_never_sent_is_tried_again() -> None:
     with scripted(Said()) as script:
         pass
-    with Client(script.url, patience=QUICK) as client, pytest.raises(UnreachableError, match="locations"):
+    with Client(script.url, retry=QUICK) as client, pytest.raises(UnreachableError, match="locations"):
         client.create_location("door", interval_s=60)
 
 
 def test_pauses_double_with_jitter_up_to_the_most() -> None:
-    pauses = list(islice(Patience(first_s=1, most_s=8).pauses(), 200))
+    pauses = list(islice(RetryPolicy(first_s=1, max_s=8).pauses(), 200))
     for pause, whole in zip(pauses, [1, 2, 4] + [8] * 197, strict=True):
         assert whole / 2 <= pause <= whole
     assert len(set(pauses[3:])) > 100
 
 
 async def _observe_twice(url: str) -> tuple[Accepted, Accepted]:
-    async with AsyncClient(url, patience=QUICK) as client:
+    async with AsyncClient(url, retry=QUICK) as client:
         door = client.location("door")
         return await door.observe([0.0], [1]), await door.observe([0.0], [1], idempotency_key="mine")
 
