@@ -60,6 +60,9 @@ def parser() -> argparse.ArgumentParser:
     whole.set_defaults(needs_server=True)
     commands = whole.add_subparsers(required=True, metavar="COMMAND")
     _add_serve(commands)
+    worker = commands.add_parser("worker", help="do the background work alone, beside servers on the same database")
+    _add_database(worker)
+    worker.set_defaults(command=_worker)
     _add_demo(commands)
     migrate = commands.add_parser("migrate", help="bring the database to this version's schema")
     _add_database(migrate)
@@ -212,11 +215,12 @@ def _verify(arguments: argparse.Namespace) -> int:
 
 
 def _serve(arguments: argparse.Namespace) -> int:
+    from tidemap.server.memory import tune_malloc
+    from tidemap.server.serving import Options, serve
     from tidemap.services.context import open_context
     from tidemap.services.keys import list_keys
     from tidemap.storage.store import prepare_database
-    from tidemap_web.memory import tune_malloc
-    from tidemap_web.serve import Options, serve
+    from tidemap_web.site import pages
 
     settings = _settings(arguments)
     # Before there are threads: each would have a heap of its own.
@@ -228,7 +232,21 @@ def _serve(arguments: argparse.Namespace) -> int:
                 f"no key exists, so this server listens on loopback only, not on {settings.host}. Make one with "
                 "'tidemap keys create --role admin', or say --open if a gateway before it checks who asks."
             )
-        return serve(ctx, Options(demo=arguments.demo))
+        return serve(ctx, Options(demo=arguments.demo), pages)
+
+
+def _worker(arguments: argparse.Namespace) -> int:
+    from tidemap.server.memory import periodic_trim, tune_malloc
+    from tidemap.server.processes import stop_on_signals, work
+    from tidemap.services.context import open_context
+    from tidemap.storage.store import prepare_database
+
+    settings = _settings(arguments)
+    tune_malloc()
+    prepare_database(settings.url)
+    with open_context(settings) as ctx, periodic_trim():
+        work(ctx, stop_on_signals())
+    return DONE
 
 
 def _demo(arguments: argparse.Namespace) -> int:

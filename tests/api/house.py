@@ -15,10 +15,11 @@ import pyarrow as pa
 from anyio.from_thread import BlockingPortal, start_blocking_portal
 from fastapi import FastAPI
 
+from tidemap.server.processes import all_in_one
 from tidemap.services.context import Context, open_context
 from tidemap.settings import Settings
 from tidemap.storage.store import prepare_database
-from tidemap_web.site import open_site
+from tidemap_web.site import pages
 
 NOW = 1772409600.0
 """Monday, 2 March 2026, 00:00 UTC."""
@@ -131,7 +132,7 @@ def open_house(folder: Path, database_url: str | None = None, **settings: Any) -
     prepare_database(configured.url)
     with (
         open_context(configured, clock) as ctx,
-        open_site(ctx) as site,
+        all_in_one(ctx, pages) as site,
         start_blocking_portal() as portal,
     ):
         yield Api(ctx, Http(portal, site), clock)

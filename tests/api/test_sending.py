@@ -18,14 +18,15 @@ from tests.support.contexts import make_location, opened
 from tests.support.databases import migrate_to_head
 from tests.support.waiting import until
 from tidemap.server.census import Census
+from tidemap.server.processes import all_in_one
+from tidemap.server.serving import configure
 from tidemap.services.context import Context
 from tidemap.services.locations import find_location
 from tidemap.services.predict import StateQuery, state_at
 from tidemap.spectral.recipe import Recipe
 from tidemap.spectral.spectrum import Spectrum
 from tidemap.storage.records import CHUNK_CELLS, RevisionRecord
-from tidemap_web.serve import configure
-from tidemap_web.site import open_site
+from tidemap_web.site import pages
 
 SIDE = 1000
 """The answer has 10 MB, more than the sockets of both ends hold."""
@@ -65,7 +66,7 @@ def waving(seed: int, n_cells: int) -> Spectrum:
 @pytest.fixture(scope="module")
 def port(ctx: Context) -> Iterator[int]:
     """A server in this process, so that it can be seen who has what."""
-    with open_site(ctx) as site, socket.create_server(("127.0.0.1", 0)) as bound:
+    with all_in_one(ctx, pages) as site, socket.create_server(("127.0.0.1", 0)) as bound:
         server = uvicorn.Server(configure(site, "127.0.0.1", 0, Census(10, 10)))
         thread = Thread(target=server.run, args=([bound],))
         thread.start()

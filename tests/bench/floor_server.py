@@ -18,8 +18,9 @@ from fastapi import Request, Response
 from tests.bench import databases
 from tests.support.contexts import opened
 from tidemap.server.census import Census
-from tidemap_web.serve import SWITCH_S, configure
-from tidemap_web.site import open_site
+from tidemap.server.processes import all_in_one
+from tidemap.server.serving import SWITCH_S, configure
+from tidemap_web.site import pages
 
 Receive = Callable[[], Awaitable[dict[str, Any]]]
 Send = Callable[[dict[str, Any]], Awaitable[None]]
@@ -57,7 +58,7 @@ def bare() -> Iterator[Any]:
 @contextmanager
 def site() -> Iterator[Any]:
     """The site on an empty database, as the figure's server has it, with one route more."""
-    with databases.sqlite() as url, opened(url, viewer=False) as ctx, open_site(ctx) as application:
+    with databases.sqlite() as url, opened(url, viewer=False) as ctx, all_in_one(ctx, pages) as application:
         application.add_api_route("/floor", empty, methods=["POST"])
         yield application
 

@@ -2,9 +2,10 @@
 
 import tidemap.api.main
 import tidemap.cli
+import tidemap.server.serving
 import tidemap.services.context
 import tidemap.workers.updater
-import tidemap_web.serve
+import tidemap_web.site
 from tidemap.services.warm import warm
 
 __all__ = ["tidemap", "tidemap_web"]

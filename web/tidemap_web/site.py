@@ -1,7 +1,7 @@
-"""The site: API, pages and viewer as one ASGI application on one port, with what runs beside them."""
+"""The site: what pages and viewer add to the API, on the same port."""
 
-from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from fastapi import FastAPI
@@ -9,11 +9,8 @@ from fastapi.openapi.docs import get_swagger_ui_html
 from starlette.responses import HTMLResponse
 from starlette.staticfiles import StaticFiles
 
-from tidemap.api.main import BASE, create_app
+from tidemap.api.main import BASE
 from tidemap.services.context import Context
-from tidemap.workers.compactor import Compactor
-from tidemap.workers.election import LeaderElection
-from tidemap.workers.updater import Updater
 from tidemap_web.pages import routes
 from tidemap_web.viewer import proxy
 from tidemap_web.viewer.server import ViewerServer
@@ -22,38 +19,21 @@ STATIC = Path(__file__).parent / "pages" / "static"
 
 
 @contextmanager
-def open_site(ctx: Context) -> Iterator[FastAPI]:
-    """The application, its workers and viewer running."""
-    with ExitStack() as stack:
-        election = LeaderElection(ctx)
-        workers: dict[str, Updater | Compactor] = {
-            "updater": Updater(ctx, election),
-            "compactor": Compactor(ctx, election),
-        }
-        election.start()
-        # Left after they have ended, for then others begin.
-        stack.callback(election.stop)
-        for worker in workers.values():
-            worker.start()
-            stack.callback(worker.stop)
-        stack.callback(_tell_to_end, workers.values())
-        alive = {name: worker.alive for name, worker in (workers | {"watch": election}).items()}
-        site = create_app(ctx, alive, lambda: election.term is not None)
-        site.mount("/static", StaticFiles(directory=STATIC), name="static")
-        if ctx.settings.viewer:
-            viewer = ViewerServer(ctx)
-            viewer.start()
-            stack.callback(viewer.stop)
-            site.include_router(proxy.router(ctx, viewer))
-        site.include_router(routes.router(ctx))
-        site.add_api_route("/api/docs", _documentation, include_in_schema=False)
-        yield site
-
-
-def _tell_to_end(workers: Iterable[Updater | Compactor]) -> None:
-    """All of them, before any is waited for: one may wait for another."""
-    for worker in workers:
-        worker.request_stop()
+def pages(ctx: Context, site: FastAPI) -> Iterator[None]:
+    """Add the pages, the interactive documentation and, where the settings say so, the running viewer."""
+    site.mount("/static", StaticFiles(directory=STATIC), name="static")
+    site.include_router(routes.router(ctx))
+    site.add_api_route("/api/docs", _documentation, include_in_schema=False)
+    if not ctx.settings.viewer:
+        yield
+        return
+    viewer = ViewerServer(ctx)
+    viewer.start()
+    try:
+        site.include_router(proxy.router(ctx, viewer))
+        yield
+    finally:
+        viewer.stop()
 
 
 def _documentation() -> HTMLResponse:

@@ -12,7 +12,7 @@ MANY_THREADS = """
 import threading
 import numpy as np
 from tests.support.memory import memory_mb
-from tidemap_web.memory import tune_malloc
+from tidemap.server.memory import tune_malloc
 
 tune_malloc()
 
@@ -31,7 +31,7 @@ BESIDE_SMALL_ONES = """
 import os, time
 import numpy as np
 from tests.support.memory import memory_mb
-from tidemap_web.memory import tune_malloc, periodic_trim
+from tidemap.server.memory import tune_malloc, periodic_trim
 
 tune_malloc()
 pairs = [(np.ones(5000), bytes(1000)) for _ in range(3000)]

@@ -1,8 +1,7 @@
-"""Serving the site with uvicorn until SIGTERM or SIGINT, and the demo beside it where asked."""
+"""Serving with uvicorn until SIGTERM or SIGINT, and the demo beside it where asked."""
 
 import asyncio
 import gc
-import logging
 import signal
 import socket
 import sys
@@ -10,23 +9,18 @@ from asyncio import Protocol
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
-from threading import Event, Thread
 from typing import Any, cast
 
 import uvicorn
 
-from tidemap.client import Client
-from tidemap.demo import live
-from tidemap.demo.seed import seed
 from tidemap.server.census import Census
+from tidemap.server.demo import Demo
+from tidemap.server.memory import periodic_trim
+from tidemap.server.processes import Extension, all_in_one
 from tidemap.server.protocol import BoundedHttpProtocol, BoundedWebSocketProtocol
 from tidemap.services.context import Context
-from tidemap.services.keys import create_key, delete_key, is_open
 from tidemap.services.warm import warm
-from tidemap_web.memory import periodic_trim
-from tidemap_web.site import open_site
 
-log = logging.getLogger(__name__)
 GRACE_S = 10
 MAX_MESSAGE_BYTES = 2**20
 """Largest message of a WebSocket's client; what the server sends has no such bound."""
@@ -55,8 +49,8 @@ class _Server(uvicorn.Server):
             await asyncio.to_thread(self._ready)
 
 
-def serve(ctx: Context, options: Options) -> int:
-    """Serve until told to stop; 0 when that went well."""
+def serve(ctx: Context, options: Options, *extensions: Extension) -> int:
+    """Serve all in one, with extensions such as pages, until told to stop; 0 when that went well."""
     settings = ctx.settings
     sys.setswitchinterval(SWITCH_S)
     with ExitStack() as stack:
@@ -65,7 +59,7 @@ def serve(ctx: Context, options: Options) -> int:
         stack.callback(bound.close)
         warm()
         stack.enter_context(periodic_trim())
-        site = stack.enter_context(open_site(ctx))
+        site = stack.enter_context(all_in_one(ctx, *extensions))
         census = Census(settings.max_connections, settings.max_connections_per_address)
         config = configure(site, settings.host, settings.port, census)
         url = _url(bound)
@@ -74,7 +68,7 @@ def serve(ctx: Context, options: Options) -> int:
             # As one: print writes the end of a line by itself, and others log meanwhile.
             print(f"Tidemap is ready at {url}\n", end="", flush=True)
             if options.demo:
-                stack.enter_context(_Demo(ctx, url))
+                stack.enter_context(Demo(ctx, url))
 
         server = _Server(config, ready)
         for asked in (signal.SIGTERM, signal.SIGINT):
@@ -120,32 +114,3 @@ def _url(bound: socket.socket) -> str:
     host, port = bound.getsockname()[:2]
     shown = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)  # noqa: S104
     return f"http://[{shown}]:{port}" if ":" in shown else f"http://{shown}:{port}"
-
-
-class _Demo:
-    """The demo in a thread of its own, talking to the server as any robot does."""
-
-    def __init__(self, ctx: Context, url: str) -> None:
-        self._ctx, self._url = ctx, url
-        self._stop = Event()
-        self._key = None if is_open(ctx) else create_key(ctx, "demo", "admin")
-        self._thread = Thread(target=self._run, name="tidemap-demo", daemon=True)
-
-    def __enter__(self) -> "_Demo":
-        self._thread.start()
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._stop.set()
-        if self._key is not None:
-            delete_key(self._ctx, self._key.id)
-
-    def _run(self) -> None:
-        try:
-            with Client(self._url, key=self._key.key if self._key else None) as client:
-                seed(client)
-                print(f"The demo building is ready: {self._url}", flush=True)
-                live.run(client, self._stop)
-        except Exception:
-            if not self._stop.is_set():
-                log.exception("the demo failed; the server goes on")
