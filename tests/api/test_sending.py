@@ -135,4 +135,4 @@ def test_who_hangs_up_gives_the_memory_back(ctx: Context, port: int) -> None:
     made = sum(len(shelf.items) for shelf in ctx.buffers._shelves.values())
     checked(ctx, ask(port, 60.0), 60.0)
     assert sum(len(shelf.items) for shelf in ctx.buffers._shelves.values()) == made
-    assert ctx.buffers._bytes <= ctx.settings.answer_cache_bytes
+    assert ctx.buffers.n_bytes <= ctx.settings.answer_cache_bytes

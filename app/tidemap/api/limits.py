@@ -2,16 +2,17 @@
 
 import math
 import time
-from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 from threading import Lock
+
+from cachetools import LRUCache, TTLCache
 
 from tidemap.errors import RateLimitError
 from tidemap.services.keys import Claim
 from tidemap.settings import Settings
 
-MOST_NAMES = 10_000
+MAX_NAMES = 10_000
 BELIEVED_S = 60.0
 """How long bodies of a sender are read without asking first who it is; nothing is stored before that is confirmed."""
 
@@ -24,13 +25,12 @@ class Rate:
     """
 
     def __init__(
-        self, per_s: float, burst: float, clock: Callable[[], float] = time.monotonic, most: int = MOST_NAMES
+        self, per_s: float, burst: float, clock: Callable[[], float] = time.monotonic, most: int = MAX_NAMES
     ) -> None:
         self._per_s = per_s
         self._burst = burst
         self._clock = clock
-        self._most = most
-        self._whole: OrderedDict[str, float] = OrderedDict()
+        self._whole: LRUCache[str, float] = LRUCache(most)
         self._lock = Lock()
 
     def check(self, name: str) -> None:
@@ -42,9 +42,7 @@ class Rate:
         """Take one from what the name has left."""
         with self._lock:
             now = self._clock()
-            self._whole[name] = max(self._whole.pop(name, now), now) + (1 / self._per_s if self._per_s > 0 else 0)
-            if len(self._whole) > self._most:
-                self._whole.popitem(last=False)
+            self._whole[name] = max(self._whole.get(name, now), now) + (1 / self._per_s if self._per_s > 0 else 0)
 
     def take(self, name: str) -> None:
         """Take one. Raises RateLimitError when the name has nothing left."""
@@ -53,24 +51,22 @@ class Rate:
 
     def _wait_s(self, name: str) -> float:
         """Seconds until one is left."""
-        return self._whole.get(name, -math.inf) - self._clock() - (self._burst - 1) / self._per_s
+        with self._lock:
+            whole = self._whole.get(name, -math.inf)
+        return whole - self._clock() - (self._burst - 1) / self._per_s
 
 
 class Lately:
     """The `most` secrets that were right last, of which nothing but a hash is kept. May be shared by threads."""
 
-    def __init__(self, most: int = MOST_NAMES) -> None:
-        self._most = most
-        self._right: OrderedDict[int, None] = OrderedDict()
+    def __init__(self, most: int = MAX_NAMES) -> None:
+        self._right: LRUCache[int, None] = LRUCache(most)
         self._lock = Lock()
 
     def add(self, secret: str) -> None:
         """This one was right."""
         with self._lock:
             self._right[hash(secret)] = None
-            self._right.move_to_end(hash(secret))
-            if len(self._right) > self._most:
-                self._right.popitem(last=False)
 
     def __contains__(self, secret: str) -> bool:
         return hash(secret) in self._right
@@ -79,22 +75,16 @@ class Lately:
 class Senders:
     """Who posted lately, by the hash of their secret: at most `most`, each for BELIEVED_S. For one event loop."""
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic, most: int = MOST_NAMES) -> None:
-        self._clock = clock
-        self._most = most
-        self._known: OrderedDict[bytes | None, tuple[float, Claim]] = OrderedDict()
+    def __init__(self, clock: Callable[[], float] = time.monotonic, most: int = MAX_NAMES) -> None:
+        self._known: TTLCache[bytes | None, Claim] = TTLCache(most, BELIEVED_S, timer=clock)
 
     def add(self, claim: Claim) -> None:
         """This is who it was, just now."""
-        self.forget(claim)
-        self._known[claim.digest] = (self._clock() + BELIEVED_S, claim)
-        if len(self._known) > self._most:
-            self._known.popitem(last=False)
+        self._known[claim.digest] = claim
 
     def get(self, digest: bytes | None) -> Claim | None:
         """Who it was; that may not be so any more."""
-        until, claim = self._known.get(digest, (-math.inf, None))
-        return claim if self._clock() < until else None
+        return self._known.get(digest)
 
     def forget(self, claim: Claim) -> None:
         """It is not so any more."""

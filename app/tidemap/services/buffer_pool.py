@@ -3,14 +3,15 @@
 Memory that is new to the process costs more than what is written there: the system clears every page of it.
 """
 
-from collections import OrderedDict
 from collections.abc import Callable, Hashable
+from contextlib import suppress
 from dataclasses import dataclass
 from threading import Lock
 from typing import Generic, Protocol, TypeVar
 from weakref import ref
 
 import numpy as np
+from cachetools import LRUCache
 from numpy.typing import NDArray
 
 Bytes = NDArray[np.uint8]
@@ -41,10 +42,13 @@ class BufferPool(Generic[Value]):
     `limit` bytes are exceeded, and what is lent of them meanwhile stays as it is."""
 
     def __init__(self, limit: int) -> None:
-        self._limit = limit
         self._lock = Lock()
-        self._shelves: OrderedDict[Hashable, _Shelf[Value]] = OrderedDict()
-        self._bytes = 0
+        self._shelves: LRUCache[Hashable, _Shelf[Value]] = LRUCache(limit, getsizeof=lambda shelf: shelf.n_bytes)
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory of what is kept, in bytes."""
+        return int(self._shelves.currsize)
 
     def borrow(self, key: Hashable, version: Hashable, make: Callable[[], Value]) -> BufferLease[Value]:
         """A value of `key` in this version; made, outside of any lock, where none is free.
@@ -65,27 +69,16 @@ class BufferPool(Generic[Value]):
         shelf = self._shelves.get(key)
         if shelf is None or shelf.version != version:
             return None
-        self._shelves.move_to_end(key)
         return next((item for item in shelf.items if item.free), None)
 
     def _keep(self, key: Hashable, version: Hashable, item: "_Item[Value]") -> None:
-        size = item.value.n_bytes
-        if size > self._limit:
-            return
-        if key in self._shelves and self._shelves[key].version != version:
-            self._clear(key)
-        self._shelves.setdefault(key, _Shelf(version, [])).items.append(item)
-        self._shelves.move_to_end(key)
-        self._bytes += size
-        while self._bytes > self._limit and len(self._shelves) > 1:
-            self._clear(next(iter(self._shelves)))
-        if self._bytes > self._limit:
-            # So many ask for the same at once that not all of it can be kept.
-            self._shelves[key].items.remove(item)
-            self._bytes -= size
-
-    def _clear(self, key: Hashable) -> None:
-        self._bytes -= sum(item.value.n_bytes for item in self._shelves.pop(key).items)
+        shelf = self._shelves.get(key)
+        if shelf is not None and shelf.version != version:
+            del self._shelves[key]
+            shelf = None
+        # The cache refuses what is larger than all of it: so many ask for the same at once, or for so much.
+        with suppress(ValueError):
+            self._shelves[key] = _Shelf(version, (*shelf.items, item) if shelf else (item,))
 
 
 class _Item(Generic[Value]):
@@ -108,7 +101,11 @@ class _Item(Generic[Value]):
         return BufferLease(self.value, memory)
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Shelf(Generic[Value]):
     version: Hashable
-    items: list[_Item[Value]]
+    items: tuple[_Item[Value], ...]
+
+    @property
+    def n_bytes(self) -> int:
+        return sum(item.value.n_bytes for item in self.items)

@@ -1,10 +1,11 @@
 """Caches bounded in bytes."""
 
-from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from threading import Lock
 from typing import Generic, TypeVar
+
+from cachetools import LRUCache
 
 Value = TypeVar("Value")
 
@@ -16,8 +17,7 @@ class ByteCache(Generic[Value]):
         self._limit = limit
         self._size_of = size_of
         self._lock = Lock()
-        self._entries: OrderedDict[Hashable, _Entry[Value]] = OrderedDict()
-        self._bytes = 0
+        self._entries: LRUCache[Hashable, _Entry[Value]] = LRUCache(limit, getsizeof=lambda entry: entry.size)
 
     def get(self, key: Hashable, version: Hashable, load: Callable[[], Value]) -> Value:
         """The value of `key` in this version; loaded, outside of any lock, where it is not held.
@@ -35,10 +35,12 @@ class ByteCache(Generic[Value]):
         """The value of `key` in this version, None where it is not held."""
         with self._lock:
             entry = self._entries.get(key)
-            if entry is None or entry.version != version:
-                return None
-            self._entries.move_to_end(key)
-            return entry.value
+            return None if entry is None or entry.version != version else entry.value
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory of what is held, in bytes."""
+        return int(self._entries.currsize)
 
     def latest(self, key: Hashable) -> tuple[Hashable, Value] | None:
         """The version of `key` that is held, and its value."""
@@ -54,21 +56,13 @@ class ByteCache(Generic[Value]):
         """Forget the values whose key meets the condition."""
         with self._lock:
             for key in [key for key in self._entries if condition(key)]:
-                self._remove(key)
+                del self._entries[key]
 
     def _put(self, key: Hashable, entry: "_Entry[Value]") -> None:
         with self._lock:
-            self._remove(key)
-            if not self.takes(entry.size):
-                return
-            self._entries[key] = entry
-            self._bytes += entry.size
-            while self._bytes > self._limit:
-                self._remove(next(iter(self._entries)))
-
-    def _remove(self, key: Hashable) -> None:
-        entry = self._entries.pop(key, None)
-        self._bytes -= entry.size if entry is not None else 0
+            self._entries.pop(key, None)
+            if self.takes(entry.size):
+                self._entries[key] = entry
 
 
 @dataclass(frozen=True, slots=True)
