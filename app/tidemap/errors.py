@@ -236,8 +236,18 @@ class RateLimitError(BusyError):
         self.retry_after_s = retry_after_s
 
 
+class AskerLeftError(TidemapError):
+    """Whoever asked has closed the connection; the work for the answer ended."""
+
+    code = "asker-left"
+    title = "Asker left"
+
+    def __init__(self) -> None:
+        super().__init__("The connection was closed before the answer was complete.")
+
+
 class ShuttingDownError(BusyError):
-    """The server is stopping and takes no more writes."""
+    """The server is stopping and takes no more work."""
 
     code = "shutting-down"
     title = "Shutting down"

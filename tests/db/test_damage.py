@@ -17,7 +17,7 @@ from tidemap.services.evaluate import evaluate
 from tidemap.services.locations import change_location, delete_location, find_location
 from tidemap.services.model import model_of
 from tidemap.services.predict import PredictQuery, StateQuery, predict_at, state_at
-from tidemap.services.series import series
+from tidemap.services.series import SeriesQuery, series
 from tidemap.services.verify import Finding, verify
 from tidemap.storage.tables import anomaly, history, observation, spectrum
 from tidemap.storage.work import Work
@@ -84,7 +84,7 @@ class TestSpectrum:
             whole.probability[[3, 0]].tolist()
         )
         assert model_of(ctx, "lab", 2400).mean == pytest.approx(0.5)
-        assert series(ctx, "lab", 0).observed.tolist() == [0, 1] * 3
+        assert series(ctx, "lab", SeriesQuery(0)).observed.tolist() == [0, 1] * 3
 
     def test_a_question_about_it_is_a_clear_error(self, ctx: Context) -> None:
         make_lab(ctx)
@@ -92,7 +92,7 @@ class TestSpectrum:
         damage(ctx, spectrum, chunk=1)
         for ask in (
             lambda: predict_at(ctx, "lab", PredictQuery([0.0], [0, 1500])),
-            lambda: series(ctx, "lab", 1030),
+            lambda: series(ctx, "lab", SeriesQuery(1030)),
             lambda: model_of(ctx, "lab", 1030),
             lambda: model_of(ctx, "lab", 1030, order=0),
         ):
@@ -155,7 +155,7 @@ class TestHistory:
         place = find_location(ctx, "lab")
         assert place.compacted_seq == place.observation_seq == 4
         assert payload(ctx, history, chunk=1) == spoilt
-        assert series(ctx, "lab", 2400).observed.tolist() == [0, 1, 0, 1, 0, 1, 1, 1, 1]
+        assert series(ctx, "lab", SeriesQuery(2400)).observed.tolist() == [0, 1, 0, 1, 0, 1, 1, 1, 1]
         with pytest.raises(CorruptChunkError, match="history of location 'lab', chunk 1, segment 0 is corrupt"):
             history_of(ctx, "lab", 1, 0, 2)
         assert findings(ctx) == [
@@ -263,7 +263,7 @@ class TestLog:
         damage(ctx, observation, id=3)
         ctx.tails.drop(lambda _: True)
         spoilt = payload(ctx, observation, id=3)
-        assert series(ctx, "lab", 1030).observed.tolist() == [0, 1] * 3 + [1, 2, 1]
+        assert series(ctx, "lab", SeriesQuery(1030)).observed.tolist() == [0, 1] * 3 + [1, 2, 1]
         with caplog.at_level(logging.ERROR):
             for _ in range(2):
                 compact_now(ctx, "lab")

@@ -17,7 +17,6 @@ from tidemap.api.budget import Share
 from tidemap.api.parameters import StrictRoute
 from tidemap.api.state import state_of
 from tidemap.errors import BodyStalledError, BodyTooLargeError, UnreadableBodyError, UnsupportedMediaTypeError
-from tidemap.settings import JSON
 
 LINGER_S = 10.0
 STALL_S = 30.0
@@ -25,6 +24,8 @@ STALL_S = 30.0
 UNPACK_STEP = 1 << 10
 ZSTD_WINDOW = 1 << 23
 """What a receiver has to take at least, and a sender may use at most (RFC 9659); each body has one in memory."""
+MAX_FORM_BYTES = 1 << 17
+"""Largest form that is read at once; those with long columns are read by `forms`."""
 FORM_COST = 32
 """Bytes of memory that each byte of a JSON form takes at most; its own included."""
 
@@ -150,25 +151,31 @@ class FormRoute(StrictRoute):
         async def handle_read(request: Request) -> Response:
             await run_in_threadpool(of_connection, request)
             with state_of(request).budget.share() as share:
-                content = await read_body(request, state_of(request).ctx.settings.body_limit(JSON), share)
+                content = await read_body(request, MAX_FORM_BYTES, share)
                 if content:
-                    _check_json(request)
+                    check_json(request)
                 await share.grow(len(content) * (FORM_COST - 1))
-                return await handle(Request(request.scope, _receiver(content)))
+                return await handle(Request(request.scope, _receiver(content, request.receive)))
 
         return handle_read
 
 
-def _check_json(request: Request) -> None:
+def check_json(request: Request) -> None:
+    """Raises UnsupportedMediaTypeError where the body is not said to be JSON."""
     media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     if media_type != "application/json":
         raise UnsupportedMediaTypeError(f"Content-Type {media_type!r} is not read here; send application/json.")
 
 
-def _receiver(content: bytearray) -> Receive:
-    """Gives a body that has been read already."""
+def _receiver(content: bytearray, after: Receive) -> Receive:
+    """Gives a body that has been read already, and then what comes after it."""
+    given = False
 
     async def receive() -> Message:
+        nonlocal given
+        if given:
+            return await after()
+        given = True
         return {"type": "http.request", "body": content, "more_body": False}
 
     return receive

@@ -6,12 +6,12 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-import orjson
 from fastapi import Request
 from numpy.typing import NDArray
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
+from tidemap.api.json_parts import Mapped, json_parts
 from tidemap.formats.arrow import ARROW, encode_table, labels, nullable
 from tidemap.history.history import UNOBSERVED
 from tidemap.schemas.common import iso
@@ -23,12 +23,6 @@ from tidemap.spectral.prediction import VERDICTS
 
 JSON = "application/json"
 NPY = "application/x-npy"
-_OPTIONS = orjson.OPT_SERIALIZE_NUMPY
-
-
-def to_json(value: Any) -> bytes:
-    """JSON of nested values and arrays; NaN becomes null."""
-    return orjson.dumps(value, option=_OPTIONS)
 
 
 def preferred(request: Request, offered: tuple[str, ...]) -> str:
@@ -88,12 +82,12 @@ def encode_state(view: StateView, media_type: str) -> Response:
         "cell": view.cell,
         "probability": view.probability,
         "state": view.state,
-        "verdict": np.array(VERDICTS, object)[view.verdict].tolist(),
+        "verdict": Mapped(view.verdict, verdicts),
     }
     if view.observed is not None and view.observed_time is not None:
-        columns["observed"] = nulls(view.observed)
+        columns["observed"] = Mapped(view.observed, nulls)
         columns["observed_time"] = view.observed_time
-    return Response(to_json({**_state_facts(view), **columns}), media_type=JSON)
+    return Parts(json_parts({**_state_facts(view), **columns}), JSON)
 
 
 def _state_facts(view: StateFacts) -> dict[str, Any]:
@@ -128,6 +122,11 @@ def nulls(states: NDArray[np.uint8]) -> Any:
     return values.tolist()
 
 
+def verdicts(codes: NDArray[np.uint8]) -> Any:
+    """The words of verdicts."""
+    return np.array(VERDICTS, object)[codes].tolist()
+
+
 def encode_prediction(view: PredictionView) -> Response:
     """The answer to a question for many times."""
     content = {
@@ -135,12 +134,12 @@ def encode_prediction(view: PredictionView) -> Response:
         "cell": view.cell,
         "confidence": view.confidence,
         "probability": view.probability,
-        "state": nulls(view.state),
+        "state": Mapped(view.state, nulls),
         "entropy": view.entropy,
         "revision": view.revision,
         "unavailable": view.unavailable,
     }
-    return Response(to_json(content), media_type=JSON)
+    return Parts(json_parts(content), JSON)
 
 
 def encode_series(view: SeriesView) -> Response:
@@ -149,8 +148,8 @@ def encode_series(view: SeriesView) -> Response:
         "cell": view.cell,
         "time": view.time,
         "probability": view.probability,
-        "state": nulls(view.state),
-        "observed": nulls(view.observed),
+        "state": Mapped(view.state, nulls),
+        "observed": Mapped(view.observed, nulls),
         "revision": view.revision,
     }
-    return Response(to_json(content), media_type=JSON)
+    return Parts(json_parts(content), JSON)

@@ -34,6 +34,7 @@ STATUS: Mapping[type[Exception], int] = {
     errors.BusyError: 503,
     errors.CorruptChunkError: 500,
     errors.SchemaVersionError: 503,
+    errors.AskerLeftError: 499,
 }
 
 

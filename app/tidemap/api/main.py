@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from http import HTTPStatus
 from typing import Any
 
+from anyio import CapacityLimiter
 from fastapi import FastAPI
 
 from tidemap.api import errors, live
@@ -13,6 +14,7 @@ from tidemap.api.metrics import RequestMetrics, count_refused, make_registry
 from tidemap.api.routers import anomalies, health, jobs, keys, locations, maps, observations
 from tidemap.api.state import AppState
 from tidemap.schemas.common import Problem
+from tidemap.schemas.maps import EvaluateForm, PredictForm
 from tidemap.schemas.observations import GridObservations, StateObservations
 from tidemap.services.context import Context
 from tidemap.version import __version__
@@ -45,6 +47,8 @@ _KINDS = {
     500: "corrupt-chunk",
     503: "queue-full",
 }
+LONG_QUESTIONS = 4
+"""Questions that compute for long at once; more wait."""
 _SUMMARY = "A map service for robots that live in one place for months."
 _DESCRIPTION = (
     "Post what robots saw; ask for the state of every cell at any time, past or future, with a confidence; be told "
@@ -78,6 +82,7 @@ def create_app(
         senders=Senders(),
         metrics=metrics,
         refused=count_refused(metrics),
+        long_questions=CapacityLimiter(LONG_QUESTIONS),
     )
     app.add_middleware(RequestMetrics, registry=metrics)
     errors.install(app)
@@ -125,7 +130,7 @@ def _document_bodies(app: FastAPI) -> None:
             document = generate()
             parts = document.setdefault("components", {})
             schemas = parts.setdefault("schemas", {})
-            for form in (StateObservations, GridObservations, Problem):
+            for form in (StateObservations, GridObservations, PredictForm, EvaluateForm, Problem):
                 schema = form.model_json_schema(ref_template="#/components/schemas/{model}")
                 schemas.update(schema.pop("$defs", {}))
                 schemas[form.__name__] = schema

@@ -1,9 +1,12 @@
 """State: what the requests of one application share, as one typed object."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from threading import Event
 
+from anyio import CapacityLimiter
 from prometheus_client import CollectorRegistry, Counter
+from starlette.applications import Starlette
 from starlette.requests import HTTPConnection
 
 from tidemap.api.budget import Budget
@@ -13,7 +16,10 @@ from tidemap.services.context import Context
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AppState:
-    """`alive` says what runs in the background and whether it is at work; `refused` counts refusals by their code."""
+    """`alive` says what runs in the background and whether it is at work; `refused` counts refusals by their code.
+
+    `long_questions` are answered a few at a time. `stopping` is set when the server begins to stop.
+    """
 
     ctx: Context
     alive: Mapping[str, Callable[[], bool]]
@@ -22,9 +28,16 @@ class AppState:
     senders: Senders
     metrics: CollectorRegistry
     refused: Counter
+    long_questions: CapacityLimiter
+    stopping: Event = field(default_factory=Event)
 
 
 def state_of(connection: HTTPConnection) -> AppState:
     """The state of the application that a request or WebSocket is for."""
-    state: AppState = connection.app.state.tidemap
+    return state_of_app(connection.app)
+
+
+def state_of_app(app: Starlette) -> AppState:
+    """The state of an application."""
+    state: AppState = app.state.tidemap
     return state

@@ -6,6 +6,7 @@ import signal
 import socket
 import sys
 from asyncio import Protocol
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -13,6 +14,7 @@ from typing import Any, cast
 
 import uvicorn
 
+from tidemap.api.state import state_of_app
 from tidemap.server.census import Census
 from tidemap.server.demo import Demo
 from tidemap.server.memory import periodic_trim
@@ -38,15 +40,21 @@ class Options:
 class _Server(uvicorn.Server):
     """Says where it listens once it does."""
 
-    def __init__(self, config: uvicorn.Config, ready: Any) -> None:
+    def __init__(self, config: uvicorn.Config, ready: Callable[[], None], stopping: Callable[[], None]) -> None:
         super().__init__(config)
         self._ready = ready
+        self._stopping = stopping
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Listen, then say so."""
         await super().startup(sockets)
         if self.started:
             await asyncio.to_thread(self._ready)
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Say that work for answers is to end, then wait for it."""
+        self._stopping()
+        await super().shutdown(sockets)
 
 
 def serve(ctx: Context, options: Options, *extensions: Extension) -> int:
@@ -70,7 +78,7 @@ def serve(ctx: Context, options: Options, *extensions: Extension) -> int:
             if options.demo:
                 stack.enter_context(Demo(ctx, url))
 
-        server = _Server(config, ready)
+        server = _Server(config, ready, state_of_app(site).stopping.set)
         for asked in (signal.SIGTERM, signal.SIGINT):
             # uvicorn raises the signal again once it has stopped; what is left to close here comes after that.
             signal.signal(asked, lambda *_: None)

@@ -1,6 +1,6 @@
 """Detect: search a part of the history for events; nothing is stored."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +19,7 @@ from tidemap.storage.records import CHUNK_CELLS, LocationRecord
 
 MAX_MARKS = 2_000_000
 """Surprising cells that one search may find."""
-BLOCK_VALUES = 1 << 22
+BLOCK_VALUES = 1 << 20
 """Probabilities that a search holds at once."""
 
 
@@ -35,10 +35,12 @@ class DetectQuery:
     estimator: str | None = None
 
 
-def detect(ctx: Context, name: str, query: DetectQuery) -> tuple[list[Event], int]:
+def detect(
+    ctx: Context, name: str, query: DetectQuery, check: Callable[[], None] = lambda: None
+) -> tuple[list[Event], int]:
     """The events of the history and the revision they were judged by; nothing is stored.
 
-    Chunks that are damaged are left out.
+    Chunks that are damaged are left out. `check` is called between blocks; what it raises ends the search.
     Raises LocationNotFoundError, NoModelError, InvalidInputError, CorruptChunkError where there is one chunk only.
     """
     refuse_reversed(query.start, query.stop)
@@ -53,6 +55,7 @@ def detect(ctx: Context, name: str, query: DetectQuery) -> tuple[list[Event], in
     for chunk in range(place.n_chunks):
         try:
             for part in _search(ctx, model, chunk, start, stop, criterion):
+                check()
                 parts.append(part)
                 found += len(part.cell)
                 if found > MAX_MARKS:

@@ -1,6 +1,6 @@
 """Evaluate: how well estimators and orders predict measurements, of the history or given."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from operator import attrgetter
 
@@ -8,20 +8,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.errors import CorruptChunkError, InvalidInputError, refuse_reversed
-from tidemap.history.history import OCCUPIED, UNOBSERVED, History
+from tidemap.history.history import UNOBSERVED, History
 from tidemap.schemas.maps import Best, EvaluateForm, Evaluation, EvaluationRow, ReliabilityRow
 from tidemap.services.context import Context
 from tidemap.services.history import read_history, window
 from tidemap.services.spectra import current_revision, recipe_for
 from tidemap.spectral.estimators import fit_recipe
-from tidemap.spectral.evaluation import reliability, score
+from tidemap.spectral.evaluation import Scores, Tally
 from tidemap.spectral.prediction import predict_times
 from tidemap.spectral.recipe import Recipe
 from tidemap.spectral.spectrum import Spectrum, truncate
 from tidemap.storage.records import LocationRecord, RevisionRecord
 
 MAX_VALUES = 20_000_000
-"""Predictions that one evaluation makes; of larger locations evenly spread cells are scored."""
+"""Predictions that one evaluation makes of many cells; of larger locations evenly spread cells are scored."""
+MAX_CELL_VALUES = 100_000_000
+"""Predictions that one evaluation makes of one cell; more are refused."""
+BLOCK_VALUES = 1 << 19
+"""Predictions that are made and scored at once."""
 DEFAULT_ESTIMATORS = ("fft", "calendar", "static")
 
 
@@ -38,28 +42,34 @@ class _Trial:
     spectra: dict[Candidate, Spectrum]
 
 
-def evaluate(ctx: Context, name: str, form: EvaluateForm) -> Evaluation:
+def evaluate(ctx: Context, name: str, form: EvaluateForm, check: Callable[[], None] = lambda: None) -> Evaluation:
     """Scores per estimator and order; the spectra are fitted on the revision's window or the one asked for.
 
-    Chunks that are damaged are left out.
+    Chunks that are damaged are left out. `check` is called between blocks; what it raises ends the evaluation.
     Raises LocationNotFoundError, NoModelError, InvalidInputError, CorruptChunkError where there is one chunk only.
     """
     refuse_reversed(form.start, form.stop)
     place, revision = current_revision(ctx, name)
     train = _training(ctx, place, revision, form)
     candidates = _candidates(form)
-    pooled: dict[Candidate, list[NDArray[np.float32]]] = {candidate: [] for candidate in candidates}
-    states: list[NDArray[np.uint8]] = []
-    for trial in _trials(ctx, place, train, form, candidates):
-        seen = trial.states != UNOBSERVED
-        states.append(trial.states[seen])
+    tallies = {candidate: Tally(form.confidence) for candidate in candidates}
+    observed = 0
+    for trial in _trials(ctx, place, train, form, candidates, check):
+        observed += int((trial.states != UNOBSERVED).sum())
         for candidate, spectrum in trial.spectra.items():
-            pooled[candidate].append(predict_times(spectrum, trial.time)[seen])
-    every = np.concatenate(states) if states else np.empty(0, np.uint8)
-    if not len(every):
+            _score(tallies[candidate], spectrum, trial, check)
+    if not observed:
         raise InvalidInputError.at("start", "nothing was observed in this time; choose another range")
-    probabilities = {candidate: np.concatenate(parts) for candidate, parts in pooled.items()}
-    return _answer(probabilities, every, form.confidence, revision.revision)
+    return _answer(tallies, revision.revision)
+
+
+def _score(tally: Tally, spectrum: Spectrum, trial: _Trial, check: Callable[[], None]) -> None:
+    """Score one fit of a trial, block by block of times."""
+    step = max(1, BLOCK_VALUES // len(trial.states))
+    for first in range(0, len(trial.time), step):
+        check()
+        part = slice(first, first + step)
+        tally.add(predict_times(spectrum, trial.time[part]), trial.states[:, part])
 
 
 def _candidates(form: EvaluateForm) -> list[Candidate]:
@@ -86,17 +96,20 @@ def _trials(
     train: RevisionRecord,
     form: EvaluateForm,
     candidates: list[Candidate],
+    check: Callable[[], None],
 ) -> Iterator[_Trial]:
     recipes = {candidate: recipe_for(place, train, *candidate) for candidate in candidates}
 
     def trial(history: History, time: NDArray[np.float64], states: NDArray[np.uint8]) -> _Trial:
-        return _Trial(time, states, _fit_all(history, recipes, place))
+        return _Trial(time, states, _fit_all(history, recipes, place, check))
 
     if form.time is not None or form.state is not None:
         time, given = _given(place, form)
+        _check_size(len(time), candidates)
         yield trial(read_history(ctx, place, 0, train.start, train.stop), time, given)
         return
     start, stop = _tested(ctx, place, form)
+    _check_size(stop - start, candidates)
     step = max(1, place.n_cells * (stop - start) * len(candidates) // MAX_VALUES)
     for chunk in range(place.n_chunks):
         cells = np.arange(chunk % step, place.chunk_size(chunk), step)
@@ -110,18 +123,32 @@ def _trials(
         yield trial(past, place.base.time(np.arange(start, stop)), states)
 
 
-def _fit_all(history: History, recipes: dict[Candidate, Recipe], place: LocationRecord) -> dict[Candidate, Spectrum]:
+def _check_size(n_times: int, candidates: list[Candidate]) -> None:
+    """Refuse what would take minutes, before it begins."""
+    if n_times * len(candidates) > MAX_CELL_VALUES:
+        raise InvalidInputError.at(
+            "orders",
+            f"{n_times} times by {len(candidates)} estimators and orders are more than {MAX_CELL_VALUES} predictions; "
+            "evaluate a shorter time or fewer orders",
+        )
+
+
+def _fit_all(
+    history: History, recipes: dict[Candidate, Recipe], place: LocationRecord, check: Callable[[], None]
+) -> dict[Candidate, Spectrum]:
     """Every candidate's spectrum; `fft` is fitted once, its smaller orders are the first components."""
     most = max(
         (recipe for recipe in recipes.values() if recipe.estimator == "fft"), key=attrgetter("order"), default=None
     )
     largest = None if most is None else fit_recipe(history, most, place.base)
-    return {
-        candidate: truncate(largest, recipe.order)
-        if largest is not None and recipe.estimator == "fft"
-        else fit_recipe(history, recipe, place.base)
-        for candidate, recipe in recipes.items()
-    }
+    fits: dict[Candidate, Spectrum] = {}
+    for candidate, recipe in recipes.items():
+        check()
+        if largest is not None and recipe.estimator == "fft":
+            fits[candidate] = truncate(largest, recipe.order)
+        else:
+            fits[candidate] = fit_recipe(history, recipe, place.base)
+    return fits
 
 
 def _given(place: LocationRecord, form: EvaluateForm) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
@@ -147,42 +174,26 @@ def _tested(ctx: Context, place: LocationRecord, form: EvaluateForm) -> tuple[in
     return start, stop
 
 
-def _answer(
-    probabilities: dict[Candidate, NDArray[np.float32]],
-    states: NDArray[np.uint8],
-    confidence: float | None,
-    revision: int,
-) -> Evaluation:
-    rows = [_row(candidate, p, states, confidence) for candidate, p in probabilities.items()]
-    scored = [row for row in rows if row.n]
-    if not scored:
+def _answer(tallies: dict[Candidate, Tally], revision: int) -> Evaluation:
+    rows = [_row(candidate, tally.scores()) for candidate, tally in tallies.items() if tally.n]
+    if not rows:
         raise InvalidInputError.at("start", "no cell observed then was observed in the training window")
-    best = min(scored, key=lambda row: row.log_loss)
-    table = reliability(probabilities[best.estimator, best.order], states)
+    best = min(rows, key=lambda row: row.log_loss)
+    table = tallies[best.estimator, best.order].reliability()
     filled = zip(table.probability_mean, table.observed_rate, table.count, strict=True)
     return Evaluation(
-        results=scored,
+        results=rows,
         best=Best(estimator=best.estimator, order=best.order),
         reliability=[ReliabilityRow(probability=float(p), observed=float(s), n=int(n)) for p, s, n in filled if n],
         revision=revision,
     )
 
 
-def _row(
-    candidate: Candidate,
-    probability: NDArray[np.float32],
-    states: NDArray[np.uint8],
-    confidence: float | None,
-) -> EvaluationRow:
-    scores = score(probability, states)
-    error = scores.error
-    if confidence is not None:
-        known = ~np.isnan(probability)
-        error = float(np.mean((probability[known] > confidence) != (states[known] == OCCUPIED)))
+def _row(candidate: Candidate, scores: Scores) -> EvaluationRow:
     return EvaluationRow(
         estimator=candidate[0],
         order=candidate[1],
-        error=error,
+        error=scores.error,
         brier=scores.brier,
         log_loss=scores.log_loss,
         n=scores.n,

@@ -1,5 +1,6 @@
 """Questions about the state at any time (Eq. 3)."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from weakref import ref
 
@@ -15,7 +16,11 @@ from tidemap.services.keys import Claim
 from tidemap.services.spectra import Fitted, fitted
 from tidemap.services.state_buffer import StateBuffer
 from tidemap.spectral.prediction import entropy, known, predict, predict_times, state, verdict
+from tidemap.spectral.spectrum import Spectrum
 from tidemap.storage.records import LocationRecord
+
+BLOCK_VALUES = 1 << 16
+"""Probabilities between two looks whether anybody still waits for them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,8 +212,12 @@ class PredictQuery:
     estimator: str | None = None
 
 
-def predict_at(ctx: Context, name: str, query: PredictQuery) -> PredictionView:
-    """Of all cells those that are unavailable look as if never observed; to name one of them is an error.
+def predict_at(
+    ctx: Context, name: str, query: PredictQuery, check: Callable[[], None] = lambda: None
+) -> PredictionView:
+    """`check` is called between blocks; what it raises ends this.
+
+    Of all cells those that are unavailable look as if never observed; to name one of them is an error.
 
     Raises LocationNotFoundError, NoModelError, CellNotFoundError, CorruptChunkError, InvalidInputError when it asks for
     too much.
@@ -222,7 +231,7 @@ def predict_at(ctx: Context, name: str, query: PredictQuery) -> PredictionView:
         )
     confidence = model.place.confidence if query.confidence is None else query.confidence
     time = np.asarray(query.time, np.float64)
-    probability = predict_times(model.spectrum, time, cell)
+    probability = predict_in_blocks(model.spectrum, time, cell, check)
     return PredictionView(
         time,
         cell,
@@ -233,6 +242,18 @@ def predict_at(ctx: Context, name: str, query: PredictQuery) -> PredictionView:
         model.revision.revision,
         model.unavailable,
     )
+
+
+def predict_in_blocks(
+    spectrum: Spectrum, time: NDArray[np.float64], cells: NDArray[np.int64], check: Callable[[], None]
+) -> NDArray[np.float32]:
+    """As `predict_times`, (n_cells, n_times), with `check` called before every block of times."""
+    out = np.empty((len(cells), len(time)), np.float32)
+    step = max(1, BLOCK_VALUES // max(1, len(cells)))
+    for first in range(0, len(time), step):
+        check()
+        out[:, first : first + step] = predict_times(spectrum, time[first : first + step], cells)
+    return out
 
 
 def _cells(model: Fitted, cells: list[int] | None) -> NDArray[np.int64]:

@@ -1,5 +1,6 @@
 """One cell over time: what was predicted and what was observed."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,9 +10,8 @@ from tidemap.errors import InvalidInputError, refuse_reversed
 from tidemap.history.history import UNOBSERVED
 from tidemap.services.context import Context
 from tidemap.services.history import read_cell, window
-from tidemap.services.predict import check_cell, state_or_unknown
+from tidemap.services.predict import check_cell, predict_in_blocks, state_or_unknown
 from tidemap.services.spectra import fitted
-from tidemap.spectral.prediction import predict_times
 from tidemap.storage.records import LocationRecord
 
 
@@ -27,33 +27,40 @@ class SeriesView:
     revision: int
 
 
-def series(
-    ctx: Context,
-    name: str,
-    cell: int = 0,
-    start: float | None = None,
-    stop: float | None = None,
-    step: float | None = None,
-) -> SeriesView:
-    """One cell over [start, stop), by default all of its history at every sample.
+@dataclass(frozen=True, slots=True)
+class SeriesQuery:
+    """One cell over [start, stop) every `step` seconds, by default all of its history at every sample."""
 
-    Without a model the probability is NaN and the revision 0. Raises LocationNotFoundError, CellNotFoundError,
+    cell: int = 0
+    start: float | None = None
+    stop: float | None = None
+    step: float | None = None
+
+
+WHOLE = SeriesQuery()
+
+
+def series(ctx: Context, name: str, query: SeriesQuery = WHOLE, check: Callable[[], None] = lambda: None) -> SeriesView:
+    """Without a model the probability is NaN and the revision 0. `check` is called between blocks of times.
+
+    Raises LocationNotFoundError, CellNotFoundError,
     CorruptChunkError, InvalidInputError.
     """
     with ctx.store.read() as work:
         place = work.locations.get(name)
+    cell = query.cell
     check_cell(place, cell)
     first, last = window(ctx, place)
-    start = float(place.base.time(first)) if start is None else start
-    stop = float(place.base.time(last)) if stop is None else stop
-    time = _times(ctx, start, stop, place.interval_s if step is None else step)
+    start = float(place.base.time(first)) if query.start is None else query.start
+    stop = float(place.base.time(last)) if query.stop is None else query.stop
+    time = _times(ctx, start, stop, place.interval_s if query.step is None else query.step)
     probability = np.full(len(time), np.nan, np.float32)
     revision = 0
     if place.revision:
         model = fitted(ctx, name)
         model.check_readable([cell])
         probability, revision = (
-            predict_times(model.spectrum, time, np.array([cell]))[0],
+            predict_in_blocks(model.spectrum, time, np.array([cell]), check)[0],
             model.revision.revision,
         )
     observed = _observed_at(ctx, place, cell, time)

@@ -10,6 +10,9 @@ from tidemap.history.history import UNOBSERVED
 LOG_LOSS_FLOOR = 1e-3
 """Probabilities are clipped to [1e-3, 1 - 1e-3] for the log loss: one wrong certainty costs 6.9 nats."""
 
+BINS = 10
+"""Bins of a reliability table."""
+
 
 @dataclass(frozen=True, slots=True)
 class Scores:
@@ -30,6 +33,47 @@ class Reliability:
     count: NDArray[np.int64]
 
 
+class Tally:
+    """Scores and reliability that are added up part by part, so that nothing has to be kept.
+
+    confidence: what the error counts as occupied, p > confidence; None: p > 0.5.
+    """
+
+    def __init__(self, confidence: float | None = None, bins: int = BINS) -> None:
+        self._confidence = 0.5 if confidence is None else confidence
+        self._bins = bins
+        self._sums = np.zeros(3)
+        self._table = np.zeros((3, bins))
+        self.n = 0
+
+    def add(self, probability: ArrayLike, state: ArrayLike) -> None:
+        """Add a part of any shape; pairs with an unobserved state or a NaN probability are left out.
+
+        ValueError where the shapes differ.
+        """
+        p, s = scored(probability, state)
+        q = np.clip(p, LOG_LOSS_FLOOR, 1 - LOG_LOSS_FLOOR)
+        wrong = np.count_nonzero((p > self._confidence) != (s == 1))
+        self._sums += (wrong, np.sum((p - s) ** 2), -np.sum(np.log(np.where(s == 1, q, 1 - q))))
+        place = np.minimum((p * self._bins).astype(np.int64), self._bins - 1)
+        for row, weights in enumerate((None, p, s)):
+            self._table[row] += np.bincount(place, weights, self._bins)
+        self.n += p.size
+
+    def scores(self) -> Scores:
+        """The scores of all parts; all NaN where nothing was scored."""
+        error, brier, log_loss = (self._sums / self.n if self.n else np.full(3, np.nan)).tolist()
+        return Scores(error, brier, log_loss, self.n)
+
+    def reliability(self) -> Reliability:
+        """The reliability table over equal bins of [0, 1]; p = 1 belongs to the last."""
+        count, p, s = self._table
+        mean, rate = np.full((2, self._bins), np.nan)
+        np.divide(p, count, out=mean, where=count > 0)
+        np.divide(s, count, out=rate, where=count > 0)
+        return Reliability(mean, rate, count.astype(np.int64))
+
+
 def score(probability: ArrayLike, state: ArrayLike) -> Scores:
     """Scores of probabilities against states of the same shape; all NaN where nothing can be scored.
 
@@ -38,16 +82,9 @@ def score(probability: ArrayLike, state: ArrayLike) -> Scores:
     >>> score([0.0, 1.0, 0.5], [0, 1, 2]).error
     0.0
     """
-    p, s = scored(probability, state)
-    if p.size == 0:
-        return Scores(float("nan"), float("nan"), float("nan"), 0)
-    q = np.clip(p, LOG_LOSS_FLOOR, 1 - LOG_LOSS_FLOOR)
-    return Scores(
-        error=float(np.mean((p > 0.5) != (s == 1))),
-        brier=float(np.mean((p - s) ** 2)),
-        log_loss=float(-np.mean(np.log(np.where(s == 1, q, 1 - q)))),
-        n=int(p.size),
-    )
+    tally = Tally()
+    tally.add(probability, state)
+    return tally.scores()
 
 
 def scored(probability: ArrayLike, state: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
@@ -59,15 +96,11 @@ def scored(probability: ArrayLike, state: ArrayLike) -> tuple[NDArray[np.float64
     return p[usable], s[usable]
 
 
-def reliability(probability: ArrayLike, state: ArrayLike, bins: int = 10) -> Reliability:
+def reliability(probability: ArrayLike, state: ArrayLike, bins: int = BINS) -> Reliability:
     """The reliability table over `bins` equal bins of [0, 1]; p = 1 belongs to the last."""
-    p, s = scored(probability, state)
-    place = np.minimum((p * bins).astype(np.int64), bins - 1)
-    count = np.bincount(place, minlength=bins)
-    mean, rate = np.full(bins, np.nan), np.full(bins, np.nan)
-    np.divide(np.bincount(place, p, bins), count, out=mean, where=count > 0)
-    np.divide(np.bincount(place, s, bins), count, out=rate, where=count > 0)
-    return Reliability(mean, rate, count.astype(np.int64))
+    tally = Tally(bins=bins)
+    tally.add(probability, state)
+    return tally.reliability()
 
 
 def expected_calibration_error(table: Reliability) -> float:

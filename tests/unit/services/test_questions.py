@@ -11,7 +11,7 @@ from tidemap.schemas.locations import LocationPatch
 from tidemap.services.context import Context
 from tidemap.services.locations import change_location
 from tidemap.services.predict import PredictQuery, StateQuery, predict_at, state_at
-from tidemap.services.series import series
+from tidemap.services.series import SeriesQuery, series
 from tidemap.services.spectra import fitted
 from tidemap.spectral.prediction import predict_slow
 
@@ -110,7 +110,7 @@ def test_a_series_is_prediction_and_observation_side_by_side(ctx: Context) -> No
     assert np.isnan(view.probability).all()
     assert (view.revision, view.state.tolist()) == (0, [NEVER] * 4)
     refit(ctx, "door")
-    view = series(ctx, "door", start=-90.0, stop=300.0, step=90.0)
+    view = series(ctx, "door", SeriesQuery(start=-90.0, stop=300.0, step=90.0))
     assert view.time.tolist() == [-90.0, 0.0, 90.0, 180.0, 270.0]
     assert view.observed.tolist() == [NEVER, 1, 1, 0, NEVER]
     np.testing.assert_allclose(view.probability, 2 / 3)
@@ -122,7 +122,7 @@ def test_a_held_state_stands_until_the_next_measurement_or_its_time_is_over(ctx:
     post_states(ctx, "door", [0.0, 60.0 * 5, 60.0 * 7, 60.0 * 20], [1, 1, 0, 1])
     observed = series(ctx, "door").observed.tolist()
     assert observed == [1, 1, 1, 1, 2, 1, 1, 0, 0, 0, 0, *[2] * 9, 1]
-    part = series(ctx, "door", start=60.0 * 2, stop=60.0 * 6)
+    part = series(ctx, "door", SeriesQuery(start=60.0 * 2, stop=60.0 * 6))
     assert part.observed.tolist() == [1, 1, 2, 1]
     assert refit(ctx, "door").accuracy == 1 - 4 / 11
     # What was last seen is a measurement, not how long it is taken to stand.
@@ -155,10 +155,10 @@ def test_impossible_questions_are_refused_by_name(ctx: Context) -> None:
         (lambda: predict_at(ctx, "lab", PredictQuery([0.0], [1600])), CellNotFoundError, "cells are 0 to 1599"),
         (lambda: predict_at(ctx, "lab", PredictQuery([0.0], [-1])), CellNotFoundError, "Cell -1"),
         (lambda: predict_at(ctx, "lab", PredictQuery([0.0] * 1000)), InvalidInputError, "1600000 values"),
-        (lambda: series(ctx, "lab", 1600), CellNotFoundError, "Cell 1600"),
-        (lambda: series(ctx, "lab", 0, 10.0, 0.0), InvalidInputError, "before start"),
-        (lambda: series(ctx, "lab", 0, 0.0, 1e9, 1.0), InvalidInputError, "step"),
-        (lambda: series(ctx, "lab", 0, 0.0, 1.0, 0.0), InvalidInputError, "step"),
+        (lambda: series(ctx, "lab", SeriesQuery(1600)), CellNotFoundError, "Cell 1600"),
+        (lambda: series(ctx, "lab", SeriesQuery(0, 10.0, 0.0)), InvalidInputError, "before start"),
+        (lambda: series(ctx, "lab", SeriesQuery(0, 0.0, 1e9, 1.0)), InvalidInputError, "step"),
+        (lambda: series(ctx, "lab", SeriesQuery(0, 0.0, 1.0, 0.0)), InvalidInputError, "step"),
     ):
         with pytest.raises(error, match=word):
             ask()
@@ -171,7 +171,7 @@ def test_no_answer_is_out_of_date(ctx: Context) -> None:
     def answers() -> tuple[Any, ...]:
         for _ in range(2):
             view = state_at(ctx, "door", StateQuery(240.0, observed=True))
-            observed = series(ctx, "door", start=0.0, stop=300.0).observed.tolist()
+            observed = series(ctx, "door", SeriesQuery(start=0.0, stop=300.0)).observed.tolist()
         assert view.observed is not None
         return view.revision, view.probability.tolist(), view.observed.tolist(), observed
 

@@ -14,7 +14,7 @@ from tidemap.services.context import Context
 from tidemap.services.detect import DetectQuery, detect
 from tidemap.services.locations import get_location, list_locations
 from tidemap.services.predict import PredictQuery, StateQuery, predict_at, state_at
-from tidemap.services.series import series
+from tidemap.services.series import SeriesQuery, series
 
 CELLS = (3, 900, 1030, 1599)
 
@@ -64,7 +64,7 @@ def ask(ctx: Context, n: int) -> None:
     assert_observed(view.observed, view.observed_time)
     prediction = predict_at(ctx, "lab", PredictQuery([0.0, 60.0 * n], list(CELLS)))
     assert prediction.probability.shape == (4, 2)
-    line = series(ctx, "lab", 1030)
+    line = series(ctx, "lab", SeriesQuery(1030))
     times = line.time[line.observed != UNOBSERVED]
     assert line.observed[line.observed != UNOBSERVED].tolist() == [(int(t // 60) // 7 + 1030) % 2 for t in times]
     assert_history(ctx, n % 2, 50, complete=False)

@@ -7,7 +7,9 @@ from starlette.responses import Response
 
 from tidemap.api.bodies import FormRoute
 from tidemap.api.dependencies import After, Ctx, Id, Limit, Operator, TimeQuery, cursor, query_time
-from tidemap.api.encoding import JSON, to_json, with_etag
+from tidemap.api.encoding import JSON, with_etag
+from tidemap.api.json_parts import to_json
+from tidemap.api.long_questions import answered
 from tidemap.schemas.anomalies import AcknowledgeForm, DetectForm, Event, Events
 from tidemap.schemas.common import Page
 from tidemap.services.anomalies import EventQuery, acknowledge, get_event, list_events
@@ -66,9 +68,10 @@ def _page(request: Request, ctx: Context, query: EventQuery, limit: int) -> Resp
 
 
 @router.post("/locations/{name}/anomalies/detect")
-def search(name: str, form: DetectForm, ctx: Ctx, _: Operator) -> Events:
+async def search(name: str, form: DetectForm, request: Request, ctx: Ctx, _: Operator) -> Events:
     """The events of the history by this rule and confidence; nothing is stored."""
-    events, revision = detect(ctx, name, DetectQuery(**form.model_dump()))
+    query = DetectQuery(**form.model_dump())
+    events, revision = await answered(request, lambda check: detect(ctx, name, query, check))
     return Events(items=events, revision=revision)
 
 

@@ -21,6 +21,8 @@ from tidemap.api.encoding import (
     preferred,
     with_etag,
 )
+from tidemap.api.forms import form_body, posted_form
+from tidemap.api.long_questions import answered
 from tidemap.errors import InvalidInputError
 from tidemap.formats.arrow import ARROW
 from tidemap.schemas import maps
@@ -39,7 +41,7 @@ from tidemap.services.predict import (
     sheet_of,
     view_of,
 )
-from tidemap.services.series import series
+from tidemap.services.series import SeriesQuery, series
 
 router = APIRouter(prefix="/locations/{name}", tags=["maps"], route_class=FormRoute)
 Order = Annotated[int | None, Query(ge=0, le=64, description="Default: the revision's.")]
@@ -99,15 +101,20 @@ def _box(text: str | None) -> tuple[float, ...] | None:
     return box
 
 
-@router.post("/predict", responses=_answers(maps.Prediction), response_class=Response)
-def predict(name: str, form: maps.PredictForm, ctx: Ctx, _: Operator) -> Response:
+@router.post(
+    "/predict", responses=_answers(maps.Prediction), response_class=Response, openapi_extra=form_body(maps.PredictForm)
+)
+async def predict(name: str, request: Request, ctx: Ctx, _: Operator) -> Response:
     """Probability, state and entropy for many times."""
-    return encode_prediction(predict_at(ctx, name, PredictQuery(**form.model_dump())))
+    form = await posted_form(request, maps.PredictForm)
+    query = PredictQuery(**form.model_dump())
+    return await answered(request, lambda check: encode_prediction(predict_at(ctx, name, query, check)))
 
 
 @router.get("/series", responses=_answers(maps.Series), response_class=Response)
-def series_of(
+async def series_of(
     name: str,
+    request: Request,
     ctx: Ctx,
     _: Operator,
     cell: Cell = 0,
@@ -116,16 +123,18 @@ def series_of(
     step: Annotated[float | None, Query(gt=0, description="Seconds; default: interval_s.")] = None,
 ) -> Response:
     """One cell over [start, stop): what was predicted and what was observed."""
-    return encode_series(series(ctx, name, cell, query_time("start", start), query_time("stop", stop), step))
+    query = SeriesQuery(cell, query_time("start", start), query_time("stop", stop), step)
+    return await answered(request, lambda check: encode_series(series(ctx, name, query, check)))
 
 
 @router.get("/model")
-def model(name: str, ctx: Ctx, _: Operator, cell: Cell = 0, order: Order = None) -> maps.Model:
+async def model(name: str, request: Request, ctx: Ctx, _: Operator, cell: Cell = 0, order: Order = None) -> maps.Model:
     """The spectrum and the outliers of one cell; `order` recomputes without storing."""
-    return model_of(ctx, name, cell, order)
+    return await answered(request, lambda check: model_of(ctx, name, cell, order))
 
 
-@router.post("/evaluate")
-def evaluation(name: str, form: maps.EvaluateForm, ctx: Ctx, _: Operator) -> maps.Evaluation:
+@router.post("/evaluate", openapi_extra=form_body(maps.EvaluateForm))
+async def evaluation(name: str, request: Request, ctx: Ctx, _: Operator) -> maps.Evaluation:
     """Score estimators and orders against the history or the measurements given."""
-    return evaluate(ctx, name, form)
+    form = await posted_form(request, maps.EvaluateForm)
+    return await answered(request, lambda check: evaluate(ctx, name, form, check))
