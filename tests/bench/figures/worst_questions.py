@@ -1,0 +1,99 @@
+"""worst_questions: how long others wait (p99, ms) while a server answers the largest question of every route.
+
+The floor is the 100 ms that nobody should wait longer; `details` has the routes: the status and seconds of the answer,
+CPU seconds, p99 and longest wait of others in ms, and the server's memory in MB after it.
+"""
+
+import json
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import psutil
+
+from tests.bench import databases
+from tests.bench.figures.question import NAME, SHAPE, prepare
+from tests.bench.timing import Figure
+from tests.bench.waits import waiting
+from tests.support.contexts import Clock, make_location, opened, post_states, refit
+from tests.support.memory import memory_mb, peak_memory_mb
+from tests.support.server import ServerProcess
+from tidemap.formats.arrow import ARROW
+from tidemap.services.context import Context
+
+DOOR, BELL, WEEKS = "door", "bell", 26
+START = time.time() // 86_400 * 86_400 - WEEKS * 604_800
+MAX_WAIT_MS = 100.0
+ENVIRONMENT = {"TIDEMAP_UPDATER": "false", "TIDEMAP_VIEWER": "false", "TIDEMAP_LOG_LEVEL": "warning"}
+Question = tuple[str, str, dict[str, Any]]
+
+
+def measure() -> Figure:
+    with databases.sqlite() as url, tempfile.TemporaryDirectory(prefix="tidemap-bench-") as folder:
+        with opened(url, Clock(START + WEEKS * 604_800)) as ctx:
+            prepare(ctx, SHAPE)
+            prepare_door(ctx)
+            make_location(ctx, BELL)
+        server = ServerProcess(Path(folder), database_url=url, env=ENVIRONMENT)
+        try:
+            routes = {name: ask(server, question) for name, question in questions()}
+            peak = peak_memory_mb(server.process.pid)
+        finally:
+            server.stop()
+    worst = max(route["p99_ms"] for route in routes.values())
+    return Figure(worst, MAX_WAIT_MS, 1.0, "ms p99", {"peak_mb": round(peak), "routes": json.dumps(routes)})
+
+
+def prepare_door(ctx: Context) -> None:
+    """Half a year of minutes of a door, with a model."""
+    make_location(ctx, DOOR, estimator="calendar", time_zone="Europe/London")
+    minute = np.arange(WEEKS * 7 * 1440)
+    post_states(ctx, DOOR, START + 60.0 * minute, (minute % 1440 > 480) & (minute % 1440 < 1080))
+    refit(ctx, DOOR)
+
+
+def questions() -> Iterator[tuple[str, Question]]:
+    """The largest that every route takes, and some that are too large."""
+    door, hall, now = f"/locations/{DOOR}", f"/locations/{NAME}", START + WEEKS * 604_800
+    whole = {"start": START, "stop": now}
+    million = [now + 61.0 * n for n in range(1_000_000)]
+    orders = list(range(21))
+    yield "nothing", ("GET", "/locations", {})
+    yield "state, JSON", ("GET", f"{hall}/state?time=0", {})
+    yield "state, Arrow", ("GET", f"{hall}/state?time=0", {"headers": {"accept": ARROW}})
+    yield "state, npy", ("GET", f"{hall}/state?time=0", {"headers": {"accept": "application/x-npy"}})
+    yield "predict, 10^6 times", ("POST", f"{door}/predict", {"json": {"time": million}})
+    yield "predict, 10^6 texts", ("POST", f"{door}/predict", {"json": {"time": [f"{n:.0f}" for n in million]}})
+    yield "predict, too many", ("POST", f"{door}/predict", {"json": {"time": [*million, now]}})
+    yield "predict, 10^6 cells", ("POST", f"{hall}/predict", {"json": {"time": [0.0]}})
+    yield "series", ("GET", f"{door}/series?start={START}&stop={START + 999_999}&step=1", {})
+    yield "model", ("GET", f"{door}/model?order=64", {})
+    yield "detect", ("POST", f"{door}/anomalies/detect", {"json": {**whole, "confidence": 0.5, "rule": "paper"}})
+    yield "evaluate", ("POST", f"{door}/evaluate", {"json": {**whole, "orders": orders}})
+    yield "anomalies", ("GET", "/anomalies?limit=1000", {})
+    yield "update", ("POST", f"{door}/update?wait=60", {"json": {"estimator": "auto"}})
+    yield "openapi", ("GET", "/openapi.json", {})
+
+
+def ask(server: ServerProcess, question: Question) -> dict[str, float]:
+    """Ask once while others ask and post."""
+    method, path, how = question
+    process = psutil.Process(server.process.pid)
+    with waiting(server.port, BELL) as waits:
+        time.sleep(0.2)
+        before, started = sum(process.cpu_times()[:2]), time.perf_counter()
+        answer = httpx.request(method, f"{server.url}/api/v1{path}", timeout=300, trust_env=False, **how)
+        seconds = time.perf_counter() - started
+        cpu_s = sum(process.cpu_times()[:2]) - before
+    return {
+        "status": answer.status_code,
+        "seconds": round(seconds, 2),
+        "cpu_s": round(cpu_s, 2),
+        "p99_ms": round(waits.p99_ms(), 1),
+        "max_ms": round(waits.max_ms(), 1),
+        "mb": round(memory_mb(server.process.pid)),
+    }

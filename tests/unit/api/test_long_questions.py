@@ -1,0 +1,76 @@
+"""Long questions end when nobody waits for their answer."""
+
+import asyncio
+from threading import Event
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from anyio import CapacityLimiter
+
+from tests.support.waiting import WAIT_S
+from tidemap.api.long_questions import Check, answered
+from tidemap.errors import AskerLeftError, ShuttingDownError
+
+
+class Asker:
+    """A request whose sender leaves when it is told to."""
+
+    def __init__(self) -> None:
+        self.left = asyncio.Event()
+        self.state: Any = SimpleNamespace(stopping=Event(), long_questions=CapacityLimiter(1))
+        self.app: Any = SimpleNamespace(state=SimpleNamespace(tidemap=self.state))
+        self._messages = [{"type": "http.request", "body": b"", "more_body": False}]
+
+    async def receive(self) -> dict[str, Any]:
+        """The request, and then that its sender has left."""
+        if self._messages:
+            return self._messages.pop()
+        await self.left.wait()
+        return {"type": "http.disconnect"}
+
+
+def endless(begun: Event) -> Any:
+    """Work that only its check ends."""
+
+    def work(check: Check) -> None:
+        begun.set()
+        while True:
+            check()
+
+    return work
+
+
+async def _ended_by(end: Any) -> None:
+    asker, begun = Asker(), Event()
+    answer = asyncio.create_task(answered(asker, endless(begun)))  # type: ignore[arg-type]
+    await asyncio.to_thread(begun.wait, WAIT_S)
+    end(asker, answer)
+    await asyncio.wait_for(answer, WAIT_S)
+
+
+def test_the_work_ends_when_the_asker_leaves() -> None:
+    with pytest.raises(AskerLeftError):
+        asyncio.run(_ended_by(lambda asker, _: asker.left.set()))
+
+
+def test_the_work_ends_when_the_server_stops() -> None:
+    with pytest.raises(ShuttingDownError):
+        asyncio.run(_ended_by(lambda asker, _: asker.state.stopping.set()))
+
+
+def test_a_stopping_server_begins_nothing() -> None:
+    async def scenario() -> None:
+        asker = Asker()
+        asker.state.stopping.set()
+        await answered(asker, lambda _: pytest.fail("it began"))  # type: ignore[arg-type]
+
+    with pytest.raises(ShuttingDownError):
+        asyncio.run(scenario())
+
+
+def test_the_answer_comes_back() -> None:
+    async def scenario() -> int:
+        return await answered(Asker(), lambda check: 7 if check() is None else 0)  # type: ignore[arg-type]
+
+    assert asyncio.run(scenario()) == 7
