@@ -102,7 +102,7 @@ LOCATIONS = [
     form(DOOR, {"name": "a/b"}, "name", method="PATCH"),
     form(DOOR, {"confidence": 2}, "confidence", method="PATCH"),
     form(DOOR, {"time_zone": "Nowhere"}, "time_zone", "IANA", method="PATCH"),
-    form(DOOR, {"interval_s": 60}, "body", "cannot be changed later", method="PATCH"),
+    form(DOOR, {"interval_s": 60}, "interval_s", "cannot be changed later", method="PATCH"),
     form(DOOR, {"missing": "hold"}, "hold_s", method="PATCH"),
 ]
 

@@ -41,7 +41,7 @@ def test_the_map_answers_and_says_what_is_missing(house: tuple[Api, str], caplog
     dense = np.load(io.BytesIO(api.get(f"/locations/{name}/state", headers={"Accept": "application/x-npy"}).content))
     assert np.count_nonzero(~np.isnan(dense)) == 2
     table = api.get(f"/locations/{name}/state", headers={"Accept": ARROW}).content
-    assert answers.state(table).unavailable.tolist() == [[1024, 1600]]
+    assert answers.state(table, ARROW).unavailable.tolist() == [[1024, 1600]]
     assert sum("chunk 1 is corrupt" in record.message for record in caplog.records) == 1
     assert "tidemap_damaged_blobs 1.0" in api.http.request("GET", "/metrics").text.splitlines()
     api.update(name)

@@ -1,10 +1,11 @@
 """Locations on the wire."""
 
 import math
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 from zoneinfo import ZoneInfo
 
-from pydantic import AfterValidator, Field, Strict, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, Strict, model_validator
+from pydantic.json_schema import SkipJsonSchema
 
 from tidemap.schemas.common import FARTHEST_S, NAME_PATTERN, Answer, Form, Many, Text, TimeIn, TimeOut, shown
 
@@ -17,8 +18,14 @@ Confidence = Annotated[float, Field(ge=0.5, lt=1)]
 Missing = Literal["mask", "hold"]
 Seconds = Annotated[float, Field(gt=0, le=FARTHEST_S)]
 Metres = Annotated[float, Strict()]
-FIXED = ("kind", "interval_s", "epoch", "grid")
-"""What a location keeps as it was made."""
+
+
+def _fixed(_: object) -> None:
+    raise ValueError("this cannot be changed later; make a new location instead")
+
+
+Fixed = Annotated[SkipJsonSchema[None], BeforeValidator(_fixed)]
+"""What a location keeps as it was made: sending it is an error that says so."""
 
 
 def _known_zone(name: str) -> str:
@@ -109,12 +116,10 @@ class LocationPatch(Form):
     retention: Seconds | None = None
     min_cells: int | None = Field(None, ge=1)
 
-    @model_validator(mode="before")
-    @classmethod
-    def _nothing_fixed(cls, value: Any) -> Any:
-        if isinstance(value, dict) and (fixed := [name for name in FIXED if name in value]):
-            raise ValueError(f"{' and '.join(fixed)} cannot be changed later; make a new location instead")
-        return value
+    kind: Fixed = None
+    interval_s: Fixed = None
+    epoch: Fixed = None
+    grid: Fixed = None
 
 
 class Location(Answer):
