@@ -6,13 +6,13 @@ import threading
 from tests.support.waiting import WAIT_S
 from tidemap.events.bus import Bus
 from tidemap.events.messages import Message
+from tidemap_web.viewer.inner import InnerViser
 from tidemap_web.viewer.news import News
-from tidemap_web.viewer.server import _Viser
 from tidemap_web.viewer.sockets import Outbox
 
 
 def test_nobody_can_open_a_tunnel_to_a_public_server() -> None:
-    assert _Viser.request_share_url(object()) is None  # type: ignore[arg-type]
+    assert InnerViser.request_share_url(object()) is None  # type: ignore[arg-type]
 
 
 def test_news_are_told_together() -> None:

@@ -81,7 +81,7 @@ def router(ctx: Context, viewer: ViewerServer) -> APIRouter:
         if not await run_in_threadpool(guard.allows_socket, socket) or not viewer.knows(token):
             await socket.close(_UNKNOWN_TAB)
             return
-        await pipe(socket, viewer.port, token)
+        await pipe(socket, viewer, token)
 
     return routes
 

@@ -3,12 +3,12 @@
 import logging
 import threading
 from collections.abc import Callable
-from urllib.parse import parse_qs, urlsplit
 
 import rich
 import viser
 
 from tidemap.services.context import Context
+from tidemap_web.viewer.inner import SHOWN_IN, InnerViser, token_of
 from tidemap_web.viewer.messages import Message
 from tidemap_web.viewer.news import News
 from tidemap_web.viewer.picking import Ray
@@ -19,14 +19,6 @@ from tidemap_web.viewer.source import Services, Source
 _log = logging.getLogger(__name__)
 
 
-class _Viser(viser.ViserServer):
-    """Viser without its tunnel to a public server."""
-
-    def request_share_url(self, verbose: bool = True) -> str | None:
-        """Share nothing, whoever asks."""
-        return None
-
-
 class ViewerServer:
     """Runs viser and the sessions. Viser itself asks nobody for a key: reach it through `viewer.proxy` only."""
 
@@ -35,7 +27,7 @@ class ViewerServer:
         self._source = source or Services(ctx)
         self._sessions: dict[str, Session] = {}
         self._lock = threading.Lock()
-        self._viser: _Viser | None = None
+        self._viser: InnerViser | None = None
         self._news = News(self._tell)
 
     @property
@@ -45,10 +37,17 @@ class ViewerServer:
             raise RuntimeError("the viewer is not running")
         return self._viser.get_port()
 
+    @property
+    def headers(self) -> dict[str, str]:
+        """What a connection to `port` has to show. Raises RuntimeError before start."""
+        if self._viser is None:
+            raise RuntimeError("the viewer is not running")
+        return {SHOWN_IN: self._viser.secret}
+
     def start(self) -> None:
         """Open viser's port and listen to the event bus."""
         rich.get_console().quiet = True  # viser greets on standard output, which is ours
-        self._viser = _Viser(host="127.0.0.1", port=0, verbose=False)
+        self._viser = InnerViser(self.knows)
         self._viser.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
         self._viser.on_client_connect(self._welcome)
         self._news.start(self._ctx.bus)
@@ -121,7 +120,7 @@ class ViewerServer:
         connection = self._viser._websock_server._live_connections.get(client.client_id)
         if connection is None or connection.request is None:
             return ""
-        return parse_qs(urlsplit(connection.request.path).query).get("token", [""])[0]
+        return token_of(connection.request)
 
     def _tell(self, names: set[str]) -> None:
         with self._lock:

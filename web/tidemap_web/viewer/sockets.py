@@ -64,13 +64,19 @@ async def converse(socket: WebSocket, viewer: ViewerServer, token: str) -> None:
         viewer.close(session)
 
 
-async def pipe(socket: WebSocket, port: int, token: str) -> None:
+async def pipe(socket: WebSocket, viewer: ViewerServer, token: str) -> None:
     """Pass frames both ways unchanged until either end closes."""
     protocols = [Subprotocol(name) for name in socket.scope.get("subprotocols", [])]
-    address = f"ws://127.0.0.1:{port}/?token={token}"
+    address = f"ws://127.0.0.1:{viewer.port}/?token={token}"
     try:
         inner = await connect(
-            address, subprotocols=protocols or None, max_size=None, compression=None, ping_interval=None
+            address,
+            additional_headers=viewer.headers,
+            proxy=None,
+            subprotocols=protocols or None,
+            max_size=None,
+            compression=None,
+            ping_interval=None,
         )
     except (OSError, WebSocketException):
         await socket.close(1013)
