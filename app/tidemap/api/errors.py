@@ -79,10 +79,11 @@ def domain_response(path: str, error: errors.TidemapError) -> Response:
         instance=path,
         errors=[ProblemField(field=each.field, message=each.message) for each in fields] or None,
     )
-    return problem_response(status, problem, _headers(error))
+    return problem_response(status, problem, headers_of(error))
 
 
-def _headers(error: Exception) -> dict[str, str]:
+def headers_of(error: Exception) -> dict[str, str]:
+    """The headers that go with the answer to an error."""
     if isinstance(error, errors.UnauthorizedError):
         return {"WWW-Authenticate": "Bearer"}
     if isinstance(error, errors.BusyError):

@@ -29,7 +29,7 @@ def signed_in(request: Request) -> Principal | None:
     """Who is named at the top of a page; nobody on an open server."""
     try:
         found = principal(request)
-    except (UnauthorizedError, ForbiddenError):
+    except TidemapError:
         return None
     return None if found == OPEN else found
 

@@ -2,15 +2,18 @@
 
 import math
 from collections.abc import Callable
-from typing import Annotated, Any
+from typing import Any
 
-from fastapi import APIRouter, Form, Request, Response
+from fastapi import APIRouter, Request, Response
+from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse
 
-from tidemap.errors import ForbiddenError, LocationNotFoundError, UnauthorizedError
+from tidemap.errors import TidemapError, UnauthorizedError
 from tidemap.services import anomalies, locations
 from tidemap.services.context import Context
 from tidemap_web.pages import guard
+from tidemap_web.pages.problems import Refusal, problem_page, refusal_of
+from tidemap_web.pages.sign_in import sign_in_form
 from tidemap_web.pages.templates import page
 
 RECENT_S = 90 * 86400.0
@@ -55,41 +58,53 @@ def _add_session(ctx: Context, routes: APIRouter) -> None:
     @routes.get("/login", response_model=None)
     def login(request: Request, next: str = "/") -> Response:
         """The form that asks for a key; who needs none goes straight on."""
-        if guard.refuse(request) is None:
-            return RedirectResponse(guard.local(next), 303, guard.NO_STORE)
-        return _login_page(ctx, request, next)
+        try:
+            if guard.refuse(request) is None:
+                return RedirectResponse(guard.local(next), 303, guard.NO_STORE)
+            return _login_page(ctx, request, next)
+        except TidemapError as error:
+            return problem_page(request, error)
 
     @routes.post("/login", response_model=None)
-    def sign_in(request: Request, key: Annotated[str, Form()], next: Annotated[str, Form()] = "/") -> Response:
-        """Take a key and remember the browser."""
+    async def sign_in(request: Request) -> Response:
+        """Take a key and remember the browser. Whatever is wrong is said on the form."""
+        then = "/"
         try:
-            return guard.sign_in(ctx, request, key.strip(), guard.local(next))
+            sent = await sign_in_form(request)
+            then = guard.local(sent.next)
+            return await run_in_threadpool(guard.sign_in, ctx, request, sent.key, then)
         except UnauthorizedError:
-            return _login_page(ctx, request, next, "This key is not known here. Check that all of it was copied.")
-        except ForbiddenError as error:
-            return _login_page(ctx, request, next, str(error))
+            problem = "This key is not known here. Check that all of it was copied."
+            return await run_in_threadpool(_login_page, ctx, request, then, Refusal(401, problem))
+        except TidemapError as error:
+            return await run_in_threadpool(_login_page, ctx, request, then, refusal_of(error))
 
     @routes.post("/logout", response_model=None)
     def sign_out(request: Request) -> Response:
         """End the browser's session."""
-        return guard.sign_out(ctx, request)
+        try:
+            return guard.sign_out(ctx, request)
+        except TidemapError as error:
+            return problem_page(request, error)
 
 
-def _login_page(ctx: Context, request: Request, then: str, problem: str | None = None) -> Response:
+def _login_page(ctx: Context, request: Request, then: str, refusal: Refusal | None = None) -> Response:
+    problem = None if refusal is None else refusal.detail
     facts = {**guard.header(ctx, request), "next": guard.local(then), "problem": problem}
-    return page(request, "login.html", facts, status=401 if problem else 200)
+    answer = page(request, "login.html", facts, status=200 if refusal is None else refusal.status)
+    if refusal is not None:
+        answer.headers.update(refusal.headers)
+    return answer
 
 
 def _guarded(ctx: Context, request: Request, template: str, facts: Callable[[], Facts]) -> Response:
-    """The page for who may look; 404 in words for a location that is not there."""
-    if turned_away := guard.redirect(request):
-        return turned_away
-    header = guard.header(ctx, request)
+    """The page for who may look; what is wrong is said on a page too."""
     try:
-        return page(request, template, {**header, **facts()})
-    except LocationNotFoundError as error:
-        problem = {**header, "title": error.title, "detail": str(error)}
-        return page(request, "problem.html", problem, status=404)
+        if turned_away := guard.redirect(request):
+            return turned_away
+        return page(request, template, {**guard.header(ctx, request), **facts()})
+    except TidemapError as error:
+        return problem_page(request, error)
 
 
 def _locations(ctx: Context, request: Request) -> Facts:

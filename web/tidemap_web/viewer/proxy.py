@@ -7,8 +7,10 @@ from fastapi import APIRouter, Request, Response, WebSocket
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse
 
+from tidemap.errors import TidemapError
 from tidemap.services.context import Context
 from tidemap_web.pages import guard
+from tidemap_web.pages.problems import problem_page
 from tidemap_web.pages.templates import page
 from tidemap_web.viewer import colors
 from tidemap_web.viewer.client import client_page, scene_address
@@ -28,8 +30,11 @@ def router(ctx: Context, viewer: ViewerServer) -> APIRouter:
     @routes.get("/", response_model=None)
     def view(request: Request) -> Response:
         """The viewer's page. `?location=` and `?time=` choose what it opens with."""
-        if turned_away := guard.redirect(request):
-            return turned_away
+        try:
+            if turned_away := guard.redirect(request):
+                return turned_away
+        except TidemapError as error:
+            return problem_page(request, error)
         facts = {
             "token": secrets.token_urlsafe(18),
             "scene": scene_address(),
