@@ -45,15 +45,15 @@ class Settings(BaseSettings):
     # Limits
     max_body_bytes: int = Field(128 * 2**20, gt=0, description="Largest body of a request, unpacked.")
     max_json_bytes: int = Field(
-        32 * 2**20,
+        16 * 2**20,
         gt=0,
-        description="Largest JSON body, unpacked; read, it takes up to 40 times its size.",
+        description="Largest JSON body, unpacked; read, it takes up to 24 times its size. Send more as Arrow or npy.",
     )
     max_parsing_bytes: int = Field(
         512 * 2**20,
         gt=0,
         description="Memory for all bodies that are being read and parsed; more wait a little or are refused (503). "
-        "One body may exceed it: an Arrow or npy body takes up to 12 times its size, JSON up to 40 times, a grid of "
+        "One body may exceed it: an Arrow or npy body takes up to 12 times its size, JSON up to 24 times, a grid of "
         "bytes up to 156 times.",
     )
     max_cells: int = Field(16_000_000, gt=0, description="Largest number of cells of one location.")

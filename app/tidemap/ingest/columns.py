@@ -54,14 +54,17 @@ def misnamed(names: list[str], kind: str) -> list[FieldError]:
     return errors + [FieldError(name, "this column stands twice") for name in known if names.count(name) > 1]
 
 
-def times_of(values: list[object], field: str) -> NDArray[np.float64]:
-    """Unix seconds of a list of numbers or ISO strings. Raises InvalidInputError naming the first bad one."""
+def times_of(values: list[object], field: str, first: int = 0) -> NDArray[np.float64]:
+    """Unix seconds of a list of numbers or ISO strings, whose first item is item `first` of the field.
+
+    Raises InvalidInputError naming the first bad one.
+    """
     array = numbers(values)
     if array is not None and array.dtype.kind in "if":
         return array.astype(np.float64)
     times = np.empty(len(values))
     for i, value in enumerate(values):
-        times[i] = time_of(value, f"{field}[{i}]")
+        times[i] = time_of(value, f"{field}[{first + i}]")
     return times
 
 
@@ -73,12 +76,15 @@ def time_of(value: object, field: str) -> float:
         raise InvalidInputError.at(field, str(error)) from None
 
 
-def integers_of(values: list[object], field: str, message: str) -> NDArray[np.int64]:
-    """Whole numbers of a list. Raises InvalidInputError naming the first that is none."""
+def integers_of(values: list[object], field: str, message: str, first: int = 0) -> NDArray[np.int64]:
+    """Whole numbers of a list, whose first item is item `first` of the field.
+
+    Raises InvalidInputError naming the first that is none.
+    """
     array = numbers(values)
     if array is not None and array.dtype.kind in "iu":
         return array.astype(np.int64)
-    return np.array([whole(value, f"{field}[{i}]", message) for i, value in enumerate(values)], np.int64)
+    return np.array([whole(value, f"{field}[{i}]", message) for i, value in enumerate(values, first)], np.int64)
 
 
 def whole(value: object, field: str, message: str) -> int:

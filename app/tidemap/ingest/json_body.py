@@ -80,11 +80,16 @@ def _state(document: dict[str, Any]) -> Columns:
     _check_fields(document, "", {"time", "state"}, {"time", "state"})
     times = times_of(_list(document["time"], "time"), "time")
     states = integers_of(_list(document["state"], "state"), "state", STATE_MESSAGE)
+    check_lengths(times, states)
+    return of_table(times, None, states)
+
+
+def check_lengths(times: NDArray[np.float64], states: NDArray[np.int64]) -> None:
+    """Raises InvalidInputError where there are not as many of both."""
     if len(times) != len(states):
         raise InvalidInputError.at(
             "state", f"it has {len(states)} values and time has {len(times)}; they must be of one length"
         )
-    return of_table(times, None, states)
 
 
 def _grid(document: dict[str, Any], grid: Grid) -> Columns:
@@ -100,14 +105,14 @@ def _grid(document: dict[str, Any], grid: Grid) -> Columns:
         times.append(time_of(item["time"], f"{place}.time"))
         for name in ("occupied", "free"):
             field = f"{place}.{name}"
-            cells = _cells(_list(item.get(name, []), field), field, grid)
+            cells = cells_of(_list(item.get(name, []), field), field, grid)
             if len(cells):
                 parts.append(cells)
                 origins.append((i, name))
-    return _assemble(np.array(times, np.float64), parts, origins)
+    return assemble(np.array(times, np.float64), parts, origins)
 
 
-def _assemble(times: NDArray[np.float64], parts: list[NDArray[np.int64]], origins: list[tuple[int, str]]) -> Columns:
+def assemble(times: NDArray[np.float64], parts: list[NDArray[np.int64]], origins: list[tuple[int, str]]) -> Columns:
     """The columns of all parts; a part is the cells of one state in one look, its origin that look and its field."""
     lengths = np.array([len(part) for part in parts], np.int64)
     first = np.concatenate([[0], np.cumsum(lengths)])
@@ -131,7 +136,7 @@ def _assemble(times: NDArray[np.float64], parts: list[NDArray[np.int64]], origin
     )
 
 
-def _cells(values: list[object], field: str, grid: Grid) -> NDArray[np.int64]:
+def cells_of(values: list[object], field: str, grid: Grid) -> NDArray[np.int64]:
     """Linear cells; [i,j,k] outside of the grid become -1. Both forms may stand in one list."""
     kinds = set(map(type, values))
     if list not in kinds:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tidemap.errors import InvalidInputError, UnsupportedMediaTypeError
 from tidemap.history.measurements import Measurements
 from tidemap.history.snapshot import sort_snapshot
-from tidemap.ingest import arrow_body, json_body, npy_body
+from tidemap.ingest import arrow_body, json_body, large_json, npy_body
 from tidemap.ingest.columns import Columns, Content
 from tidemap.schemas.common import FARTHEST_S
 from tidemap.space.grid import Grid
@@ -19,7 +19,7 @@ from tidemap.space.grid import Grid
 ARROW = "application/vnd.apache.arrow.stream"
 JSON = "application/json"
 NPY = "application/x-npy"
-COST = {JSON: 40, ARROW: 12, NPY: 12}
+COST = {JSON: 24, ARROW: 12, NPY: 12}
 """`Body.cost` of a body, by its media type …"""
 GRID_COST = 13 * COST[NPY]
 """… and of a grid, where one byte is a measurement, which takes 13 in a table."""
@@ -63,8 +63,18 @@ class Target:
     latest: float
 
 
+LARGE_JSON_BYTES = 1 << 18
+"""JSON from here on is read in pieces."""
+
+
+def _read_json(content: Content, kind: str, grid: Grid) -> Columns:
+    if len(content) < LARGE_JSON_BYTES:
+        return json_body.read(content, kind, grid)
+    return large_json.read(content, kind, grid)
+
+
 READERS: dict[str, Callable[[Content, str, Grid], Columns]] = {
-    JSON: json_body.read,
+    JSON: _read_json,
     ARROW: arrow_body.read,
     NPY: npy_body.read,
 }

@@ -1,0 +1,74 @@
+"""Large JSON observations: the same columns as `json_body` makes, in pieces and without an object for every number."""
+
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from tidemap.errors import InvalidInputError
+from tidemap.ingest.columns import Columns, Content, integers_of, of_table, time_of, times_of
+from tidemap.ingest.json_body import STATE_MESSAGE, assemble, cells_of, check_lengths
+from tidemap.json_text import fields_of, list_parts, parsed
+from tidemap.space.grid import Grid
+
+MAX_LOOKS = 100_000
+"""Looks in one post; each costs as much as hundreds of cells."""
+_TIME = b'"time"'
+
+
+class _State(msgspec.Struct, forbid_unknown_fields=True):
+    time: msgspec.Raw
+    state: msgspec.Raw
+
+
+class _Look(msgspec.Struct, forbid_unknown_fields=True, gc=False):
+    time: msgspec.Raw
+    occupied: msgspec.Raw = msgspec.Raw(b"[]")
+    free: msgspec.Raw = msgspec.Raw(b"[]")
+
+
+class _Looks(msgspec.Struct, forbid_unknown_fields=True):
+    observations: list[_Look]
+
+
+def read(content: Content, kind: str, grid: Grid) -> Columns:
+    """Columns of a JSON body. Raises UnreadableBodyError, InvalidInputError."""
+    return _state(content) if kind == "state" else _grid(content, grid)
+
+
+def _state(content: Content) -> Columns:
+    sent = fields_of(content, _State)
+    times = _column(sent.time, "time", times_of)
+    states = _column(sent.state, "state", lambda part, field, first: integers_of(part, field, STATE_MESSAGE, first))
+    check_lengths(times, states)
+    return of_table(times, None, states)
+
+
+def _column(text: msgspec.Raw, field: str, read_part: Callable[[list[Any], str, int], NDArray[Any]]) -> NDArray[Any]:
+    parts: list[NDArray[Any]] = []
+    first = 0
+    for part in list_parts(bytes(text), field):
+        parts.append(read_part(part, field, first))
+        first += len(part)
+    return np.concatenate(parts)
+
+
+def _grid(content: Content, grid: Grid) -> Columns:
+    if content.count(_TIME) > MAX_LOOKS:
+        raise InvalidInputError.at(
+            "observations", f"more than {MAX_LOOKS} looks in one post; send them in several, or as Arrow"
+        )
+    times: list[float] = []
+    parts: list[NDArray[np.int64]] = []
+    origins: list[tuple[int, str]] = []
+    for i, look in enumerate(fields_of(content, _Looks).observations):
+        times.append(time_of(parsed(bytes(look.time)), f"observations[{i}].time"))
+        for name in ("occupied", "free"):
+            field = f"observations[{i}].{name}"
+            for part in list_parts(bytes(getattr(look, name)), field):
+                if part:
+                    parts.append(cells_of(part, field, grid))
+                    origins.append((i, name))
+    return assemble(np.array(times, np.float64), parts, origins)
