@@ -18,7 +18,7 @@ from tidemap.services.keys import (
     list_keys,
     start_session,
 )
-from tidemap.storage.keys import MAX_SESSIONS
+from tidemap.storage.repositories.keys import MAX_SESSIONS
 from tidemap.storage.tables import api_key, session
 
 

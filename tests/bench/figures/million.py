@@ -13,7 +13,7 @@ from tests.bench.timing import Figure, interleaved
 from tests.support.contexts import opened
 from tidemap.services.context import Context
 from tidemap.services.locations import find_location
-from tidemap.services.series import series
+from tidemap.services.series import SeriesQuery, series
 from tidemap.services.spectra import fitted
 from tidemap.services.update import UpdateRequest, run_update
 from tidemap.storage.codec import HEADERS
@@ -36,7 +36,7 @@ def measure(shape: tuple[int, ...] = million.SHAPE) -> Figure:
         with opened(url, history_cache_bytes=0) as ctx:
             series(ctx, million.NAME)
             numbers = iter(range(0, spectrum.place.n_cells, spectrum.place.n_cells // 50))
-            one = min(seconds(lambda: series(ctx, million.NAME, next(numbers))) for _ in range(40))
+            one = min(seconds(lambda: series(ctx, million.NAME, SeriesQuery(next(numbers)))) for _ in range(40))
         details: dict[str, float | int | str] = {
             "cells": spectrum.place.n_cells,
             "samples": million.N_SAMPLES,
