@@ -47,10 +47,10 @@ def _failed(message: str) -> int:
 
 
 def _explain(error: ValidationError) -> str:
-    places = (
+    locations = (
         f"TIDEMAP_{str(each['loc'][0]).upper()}: {each['msg'].removeprefix('Value error, ')}" for each in error.errors()
     )
-    return "a setting is wrong. " + "; ".join(places)
+    return "a setting is wrong. " + "; ".join(locations)
 
 
 def parser() -> argparse.ArgumentParser:

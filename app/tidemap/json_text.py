@@ -13,7 +13,7 @@ PIECE_BYTES = 1 << 16
 """Text that is read at once."""
 Read = TypeVar("Read")
 _ENDS = ((b"{", b"},"), (b'"', b'",'), (b"[", b"],"))
-_PLACE = re.compile(r"^(?P<says>.*?)(?: - at `\$\.?(?P<place>[^`]*)`)?$", re.DOTALL)
+_PLACE = re.compile(r"^(?P<says>.*?)(?: - at `\$\.?(?P<path>[^`]*)`)?$", re.DOTALL)
 _MISSING = re.compile(r"missing required field `([^`]*)`")
 _UNKNOWN = re.compile(r"unknown field `([^`]*)`")
 
@@ -21,7 +21,7 @@ _UNKNOWN = re.compile(r"unknown field `([^`]*)`")
 def fields_of(content: bytes | bytearray, form: type[Read]) -> Read:
     """The form, a msgspec struct whose long fields are `msgspec.Raw`: nothing of these is read yet.
 
-    Raises UnreadableBodyError, InvalidInputError naming the first place that is wrong.
+    Raises UnreadableBodyError, InvalidInputError naming the first path that is wrong.
     """
     if not content.lstrip().startswith(b"{"):
         raise UnreadableBodyError("The body is no JSON object.")
@@ -72,10 +72,10 @@ def _pieces(items: bytes) -> Iterator[bytes]:
 
 def _explained(message: str, form: type[Any]) -> InvalidInputError:
     found = _PLACE.match(message)
-    says, place = (found["says"], found["place"] or "") if found else (message, "")
+    says, path = (found["says"], found["path"] or "") if found else (message, "")
     if unknown := _UNKNOWN.search(says):
-        known = "remove it or check its spelling" if place else f"known are {', '.join(form.__struct_fields__)}"
-        return InvalidInputError.at(f"{place}.{unknown[1]}".lstrip("."), f"this field is not known; {known}")
+        known = "remove it or check its spelling" if path else f"known are {', '.join(form.__struct_fields__)}"
+        return InvalidInputError.at(f"{path}.{unknown[1]}".lstrip("."), f"this field is not known; {known}")
     if missing := _MISSING.search(says):
-        return InvalidInputError.at(f"{place}.{missing[1]}".lstrip("."), "this field is missing")
-    return InvalidInputError.at(place or "body", says[:1].lower() + says[1:])
+        return InvalidInputError.at(f"{path}.{missing[1]}".lstrip("."), "this field is missing")
+    return InvalidInputError.at(path or "body", says[:1].lower() + says[1:])

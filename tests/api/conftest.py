@@ -26,7 +26,7 @@ def _clock(request: pytest.FixtureRequest) -> Iterator[None]:
 @pytest.fixture(scope="module")
 def door(api: Api) -> str:
     """A door open from 9 to 17 with a fortnight of history, one sample an hour, and a model of order 3; read only."""
-    name = api.place(name="door", confidence=0.75, estimator="fft", order=3)
+    name = api.location(name="door", confidence=0.75, estimator="fft", order=3)
     api.observe(name, *fortnight())
     api.update(name)
     return name

@@ -84,18 +84,18 @@ class Api:
     def request(self, method: str, path: str, **how: Any) -> httpx.Response:
         return self.http.request(method, BASE + path, **how)
 
-    def name(self, kind: str = "place") -> str:
+    def name(self, kind: str = "location") -> str:
         """A name that no other test has."""
         return f"{kind}-{next(self._numbers)}"
 
-    def place(self, **settings: Any) -> str:
+    def location(self, **settings: Any) -> str:
         """A new location of kind `state` with samples of an hour; its name."""
         form = {"name": self.name(), "interval_s": HOUR, **settings}
         return str(done(self.post("/locations", form), 201)["name"])
 
     def lab(self, **settings: Any) -> str:
         """A new grid of 24 cells; its name."""
-        return self.place(kind="grid3d", **{"grid": GRID, **settings})
+        return self.location(kind="grid3d", **{"grid": GRID, **settings})
 
     def observe(self, name: str, time: Any, state: Any, **how: Any) -> Any:
         """Post measurements of a `state`; the answer."""

@@ -129,7 +129,7 @@ class Untouched:
 def furnished(api: Api) -> Iterator[Untouched]:
     """A door and a lab with models, one event and two jobs."""
     time, state_ = fortnight()
-    api.place(name="door", estimator="fft", order=3, confidence=0.75)
+    api.location(name="door", estimator="fft", order=3, confidence=0.75)
     api.observe("door", time, state_)
     api.update("door")
     assert api.observe("door", [NOW + 1], [1])["anomalies"]

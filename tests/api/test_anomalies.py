@@ -31,7 +31,7 @@ def watched(api: Api) -> str:
 
 
 def open_door(api: Api) -> str:
-    name = api.place(estimator="fft", order=3, confidence=0.75)
+    name = api.location(estimator="fft", order=3, confidence=0.75)
     api.observe(name, *fortnight())
     api.update(name)
     return name
@@ -157,7 +157,7 @@ class TestDetect:
 
     @pytest.fixture
     def noisy(self, api: Api) -> tuple[str, np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-        name = api.place(estimator="fft", order=3, confidence=0.75)
+        name = api.location(estimator="fft", order=3, confidence=0.75)
         time, state = fortnight()
         flipped = state ^ (np.random.default_rng(7).random(len(state)) < 0.08)
         api.observe(name, time, flipped)
@@ -260,7 +260,7 @@ SOMETIMES = [i * WIDE + j for i in range(150, 195, 3) for j in range(0, 18, 3)]
 @pytest.fixture(scope="module")
 def answer(api: Api) -> Any:
     grid = {"resolution_m": 0.1, "shape": [WIDE, WIDE]}
-    name = api.place(kind="grid2d", grid=grid, estimator="static", confidence=0.75)
+    name = api.location(kind="grid2d", grid=grid, estimator="static", confidence=0.75)
     every = set(range(WIDE**2))
     once = {*BLOCK, *SOMETIMES}
     api.look(name, (NOW - 10 * HOUR, sorted(once), sorted(every - once)))

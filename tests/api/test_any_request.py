@@ -67,18 +67,20 @@ class Guest:
     def operation(self, path: str, method: str) -> APIOperation:
         return self.schema[path][method]  # type: ignore[no-any-return]
 
-    def real(self, case: Case, place: str, number: int) -> None:
+    def real(self, case: Case, location: str, number: int) -> None:
         """Name things that exist, each in its turn, where the path is not what is wrong with the request."""
         for name in case.path_parameters:
             if case.meta is not None and case.meta.is_negative_at(ParameterLocation.PATH):
                 continue
-            case.path_parameters[name] = self._place(case, place) if name == "name" else self._number(name, number)
+            case.path_parameters[name] = (
+                self._location(case, location) if name == "name" else self._number(name, number)
+            )
 
-    def _place(self, case: Case, place: str) -> str:
+    def _location(self, case: Case, location: str) -> str:
         """One of its own for what changes a location for good."""
         if case.method not in ("PATCH", "DELETE"):
-            return place
-        name = self.api.place()
+            return location
+        name = self.api.location()
         self.site.accept()
         return name
 
@@ -135,12 +137,12 @@ def test_every_operation_is_tried(guest: Guest) -> None:
 def test_requests(guest: Guest, path: str, method: str, mode: str) -> None:
     operation = guest.operation(path, method)
     statuses: set[int] = set()
-    places, numbers = st.sampled_from(["door", "lab"]), st.integers(1, 4)
+    locations, numbers = st.sampled_from(["door", "lab"]), st.integers(1, 4)
 
     @STEADY
-    @given(case=operation.as_strategy(generation_mode=MODES[mode]), place=places, number=numbers)
-    def run(case: Case, place: str, number: int) -> None:
-        guest.real(case, place, number)
+    @given(case=operation.as_strategy(generation_mode=MODES[mode]), location=locations, number=numbers)
+    def run(case: Case, location: str, number: int) -> None:
+        guest.real(case, location, number)
         assume(case.path_parameters.get("key_id") != guest.own_key)
         answer = guest.send(case)
         statuses.add(answer.status_code)

@@ -1,4 +1,4 @@
-"""Observations that are refused, whole, with the place that is wrong and the mend."""
+"""Observations that are refused, whole, with the location that is wrong and the mend."""
 
 from collections.abc import Callable
 from typing import Any
@@ -229,9 +229,9 @@ NPYS = [
 ]
 
 
-def whole(array: Any, status: int, names: str | None, says: str = "", time: str = f"{T}", place: str = LAB) -> Case:
+def whole(array: Any, status: int, names: str | None, says: str = "", time: str = f"{T}", location: str = LAB) -> Case:
     content = array if isinstance(array, bytes) else npy_file(array)
-    return raw(f"{place}/observations?time={time}", content, status, names, says, NPY)
+    return raw(f"{location}/observations?time={time}", content, status, names, says, NPY)
 
 
 FREE = np.zeros((4, 3, 2), np.uint8)
@@ -262,7 +262,7 @@ GRIDS = [
     whole(described("'|u1'", "(-4, -3, 2)", b"\0" * 24), 422, "body", "shape"),
     whole(described("'|O'", "(24,)", b"\0" * 192), 422, "body", "uint8"),
     whole(b"", 400, None, "numpy.save"),
-    whole(FREE, 422, "body", "(1,)", place=DOOR),
+    whole(FREE, 422, "body", "(1,)", location=DOOR),
     raw(f"{LAB}/observations?time={T}", b"", 415, None, "application/x-npy", "text/csv"),
 ]
 POSTS = [
@@ -351,7 +351,7 @@ def test_one_bad_measurement_of_many_in_json_refuses_all(site: Untouched) -> Non
         late = [*time[:at], NOW + DAY, *time[at + 1 :]]
         site.refuse(state(late, [0] * 5000, f"time[{at}]"))
     looks = [{"time": t, "occupied": [1]} for t in time[:500]]
-    for bad, place in (({"free": [3, 99]}, "free[1]"), ({"free": [3], "occupied": [3]}, "free[0]")):
+    for bad, location in (({"free": [3, 99]}, "free[1]"), ({"free": [3], "occupied": [3]}, "free[0]")):
         site.refuse(
-            form(f"{LAB}/observations", {"observations": [*looks, {"time": T, **bad}]}, f"observations[500].{place}")
+            form(f"{LAB}/observations", {"observations": [*looks, {"time": T, **bad}]}, f"observations[500].{location}")
         )

@@ -20,7 +20,7 @@ PACK: dict[str, Callable[[bytes], bytes]] = {"gzip": gzip.compress, "zstd": zsta
 def small(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Api]:
     """A site that takes bodies of a mebibyte, with a door."""
     with open_house(tmp_path_factory.mktemp("small"), max_body_bytes=LIMIT) as api:
-        api.place(name="door")
+        api.location(name="door")
         yield api
 
 

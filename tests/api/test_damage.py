@@ -18,7 +18,7 @@ from tidemap.storage.engine import open_writer
 def house(tmp_path: Path) -> Iterator[tuple[Api, str]]:
     """A grid of two chunks, the second damaged."""
     with open_house(tmp_path) as api:
-        name = api.place(kind="grid2d", grid={"resolution_m": 1, "shape": [40, 40]}, estimator="static")
+        name = api.location(kind="grid2d", grid={"resolution_m": 1, "shape": [40, 40]}, estimator="static")
         seen = [{"time": NOW - 60 * n, "occupied": [0, 1500], "free": [7]} for n in range(3)]
         done(api.post(f"/locations/{name}/observations", {"observations": seen}), 201)
         api.update(name)

@@ -11,7 +11,7 @@ from tests.support.server import ServerProcess, StartServer
 from tests.support.waiting import WAIT_S, until
 from tidemap.client import Client, RetryPolicy
 from tidemap.demo import live
-from tidemap.demo.locations import BUILDING, FORMS, MIN_CELLS, PLACES, NotTheDemoError
+from tidemap.demo.locations import BUILDING, FORMS, LOCATIONS, MIN_CELLS, NotTheDemoError
 from tidemap.demo.posting import Posted
 from tidemap.demo.progress import Silent
 from tidemap.demo.robot import INTERVAL_S
@@ -85,7 +85,7 @@ def test_seeding_again_adds_only_what_is_new(seeded: Seeded) -> None:
     hour = seed(seeded.client, seeded.now + HOUR_S, Silent())
     after = {location.name: location.observations for location in seeded.client.locations()}
     assert hour.measurements == sum(after.values()) - sum(before.values())
-    assert all(0 < after[place] - before[place] <= 12 for place in PLACES)
+    assert all(0 < after[location] - before[location] <= 12 for location in LOCATIONS)
 
 
 def running(client: Client, speed: float = 1.0) -> tuple[threading.Event, Callable[[], None]]:
@@ -123,14 +123,14 @@ def test_the_robot_survives_a_server_that_is_gone_for_a_while(
     process = server()
     with Client(process.url, retry=RetryPolicy(tries=2, first_s=0.05)) as client:
         _, end = running(client, speed=600)
-        place = client.location("main-door")
+        location = client.location("main-door")
         until(lambda: "main-door" in [location.name for location in client.locations()])
-        until(lambda: place.get().observations > 5)
+        until(lambda: location.get().observations > 5)
         process.kill()
         time.sleep(0.5)
         process.restart()
         back = time.time()
-        until(lambda: (place.get().last_time or 0) > back)
+        until(lambda: (location.get().last_time or 0) > back)
         end()
 
 

@@ -11,7 +11,7 @@ ANSWERED = {"estimator", "order", "error", "brier", "log_loss", "n"}
 @pytest.fixture(scope="module")
 def halved(api: Api) -> str:
     """A door whose model knows the first of its two weeks."""
-    name = api.place(estimator="fft", order=3)
+    name = api.location(estimator="fft", order=3)
     api.observe(name, *fortnight())
     api.update(name, stop=NOW - 7 * DAY)
     return name

@@ -162,7 +162,7 @@ def test_any_bytes(kind: str, media_type: str, content: bytes) -> None:
 
 SIZES = [0, 1, 2, 3, 7, 8, 127, 255, 256, 2**16 - 1, 2**24, 2**31 - 1, 2**31, 2**32 - 1, 2**40, 2**63 - 1, 2**64 - 1]
 """What a length or an offset may say that is not one."""
-places = st.integers(0, 1 << 12)
+locations = st.integers(0, 1 << 12)
 few = st.binary(min_size=1, max_size=9)
 
 
@@ -199,7 +199,7 @@ def resize(content: bytearray, at: int, how: bytes) -> None:
 
 
 CHANGES: list[Callable[[bytearray, int, bytes], None]] = [flip, overwrite, insert, cut, repeat, truncate, resize]
-changes = st.lists(st.tuples(st.sampled_from(CHANGES), places, few), min_size=1, max_size=4)
+changes = st.lists(st.tuples(st.sampled_from(CHANGES), locations, few), min_size=1, max_size=4)
 PACKERS: dict[str, Callable[[bytes], bytes]] = {"identity": bytes, "gzip": gzip.compress, "zstd": zstandard.compress}
 SEEN = NOW - HOUR
 POSTS = {

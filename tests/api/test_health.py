@@ -52,7 +52,7 @@ def test_it_is_not_ready_on_another_schema(own: Api) -> None:
 
 
 def test_metrics_are_for_prometheus(own: Api) -> None:
-    name = own.place()
+    name = own.location()
     own.observe(name, [NOW - 1, NOW], [0, 1])
     own.get("/locations/nowhere")
     answer = root(own, "/metrics")

@@ -18,7 +18,7 @@ ANSWERED = {"id", "kind", "location", "state", "progress", "error", "result"}
 @pytest.fixture
 def seen(api: Api) -> str:
     """A door with a fortnight of history and no model."""
-    name = api.place(estimator="fft", order=3)
+    name = api.location(estimator="fft", order=3)
     api.observe(name, *fortnight())
     return name
 
@@ -66,7 +66,7 @@ def test_a_window_is_fitted_to_what_lies_in_it(api: Api, seen: str) -> None:
 
 
 def test_nothing_to_fit_fails_the_job_and_says_why(api: Api) -> None:
-    job = done(api.post(f"/locations/{api.place()}/update?wait=60", {}), 200)
+    job = done(api.post(f"/locations/{api.location()}/update?wait=60", {}), 200)
     assert (job["state"], job["result"]) == ("failed", None)
     assert "no observations" in job["error"]
 
@@ -150,14 +150,14 @@ def test_a_location_may_be_deleted_under_its_job(api: Api, seen: str, monkeypatc
         until(lambda: done(api.get(f"/jobs/{job['id']}"))["state"] == "running")
         assert api.delete(f"/locations/{seen}").status_code == 204
     problem(api.get(f"/jobs/{job['id']}"), 404, "job-not-found")
-    other = api.place(estimator="static")
+    other = api.location(estimator="static")
     api.observe(other, [NOW - 10], [1])
     assert api.update(other)["result"]["revision"] == 1
 
 
 def test_a_job_that_was_cut_short_runs_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with open_house(tmp_path) as api:
-        name = api.place(estimator="fft", order=1)
+        name = api.location(estimator="fft", order=1)
         api.observe(name, *fortnight())
         monkeypatch.setattr("tidemap.workers.updater.run_job", lambda *_: None)
         job = done(api.post(f"/locations/{name}/update?wait=0.2", {}), 202)
@@ -171,7 +171,7 @@ def test_a_job_that_was_cut_short_runs_again(tmp_path: Path, monkeypatch: pytest
 def test_the_updater_needs_no_asking(tmp_path: Path) -> None:
     settings = {"updater": True, "updater_interval_s": 0.05, "update_rest_s": 60.0}
     with open_house(tmp_path, **settings) as api:
-        name = api.place(estimator="fft", order=2)
+        name = api.location(estimator="fft", order=2)
         time_, state = fortnight()
         api.observe(name, time_[:-24], state[:-24])
         until(lambda: api.facts(name)["revision"] == 1)

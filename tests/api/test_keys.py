@@ -9,11 +9,11 @@ import pytest
 from tests.api.house import HOUR, NOW, Api, done, open_house, problem
 
 ROLES = ("robot", "operator", "admin")
-PLACE = {"interval_s": 3600}
+LOCATION = {"interval_s": 3600}
 
 # method, path, form, roles that may; as API.md has it: robots post, operators read, acknowledge and update.
 TABLE: list[tuple[str, str, Any, set[str]]] = [
-    ("POST", "/locations", {"name": "new-{role}", **PLACE}, {"admin"}),
+    ("POST", "/locations", {"name": "new-{role}", **LOCATION}, {"admin"}),
     ("GET", "/locations", None, {"operator", "admin"}),
     ("GET", "/locations/door", None, {"operator", "admin"}),
     ("PATCH", "/locations/door", {"confidence": 0.8}, {"admin"}),
@@ -44,9 +44,9 @@ IDS = [f"{method} {path}" for method, path, _, _ in TABLE]
 def locked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Api, dict[str, str]]]:
     """A site with one key of each role, and their secrets."""
     with open_house(tmp_path_factory.mktemp("locked")) as api:
-        api.place(name="door", estimator="static")
+        api.location(name="door", estimator="static")
         for role in ROLES:
-            api.place(name=f"spare-{role}")
+            api.location(name=f"spare-{role}")
         api.observe("door", [NOW - HOUR], [0])
         api.update("door")
         api.observe("door", [NOW - 10], [1])
@@ -179,7 +179,7 @@ def test_a_revoked_robot_posts_no_more_though_it_posted_just_now(locked: Any) ->
 
 def test_the_first_key_ends_posting_without_one(tmp_path: Path) -> None:
     with open_house(tmp_path) as api:
-        done(api.post("/locations", {"name": "door", **PLACE}), 201)
+        done(api.post("/locations", {"name": "door", **LOCATION}), 201)
         for _ in range(2):
             done(post(api, {}), 201)
         made = done(api.post("/keys", {"name": "r2", "role": "robot"}), 201)
@@ -190,7 +190,7 @@ def test_the_first_key_ends_posting_without_one(tmp_path: Path) -> None:
 
 def test_who_asked_just_now_may_not_ask_on_when_that_has_ended(tmp_path: Path) -> None:
     with open_house(tmp_path) as api:
-        done(api.post("/locations", {"name": "door", **PLACE}), 201)
+        done(api.post("/locations", {"name": "door", **LOCATION}), 201)
         done(post(api, {}), 201)
         api.update("door", estimator="static")
         asked = "/locations/door/state"
@@ -237,7 +237,7 @@ def test_scheme_names_have_no_case(locked: Any) -> None:
 
 def test_without_keys_loopback_is_open(tmp_path: Path) -> None:
     with open_house(tmp_path) as api:
-        api.place(name="door")
+        api.location(name="door")
         assert done(api.get("/keys"))["items"] == []
         problem(api.get("/locations", headers=bearer("tm_wrong")), 401)
 

@@ -21,7 +21,7 @@ def make_key(api: Api, name: str, role: str = "admin", **how: Any) -> str:
 
 def test_each_key_has_its_own_rate(tmp_path: Path) -> None:
     with open_house(tmp_path, **SLOW) as api:
-        door = api.place()
+        door = api.location()
         first = make_key(api, "first")
         second = make_key(api, "second", headers=bearer(first))
         for _ in range(4):
@@ -39,7 +39,7 @@ def test_a_form_is_counted_once(tmp_path: Path) -> None:
     with open_house(tmp_path, **SLOW) as api:
         key = make_key(api, "first")
         for number in range(5):
-            form = {"name": f"place-{number}", "interval_s": 60}
+            form = {"name": f"location-{number}", "interval_s": 60}
             done(api.post("/locations", form, headers=bearer(key)), 201)
         problem(api.get("/locations", headers=bearer(key)), 429, "rate-limit")
 
@@ -107,7 +107,7 @@ WRITES = [
 def home(tmp_path_factory: pytest.TempPathFactory) -> Any:
     """An open server on loopback with a door."""
     with open_house(tmp_path_factory.mktemp("home")) as api:
-        api.place(name="door")
+        api.location(name="door")
         yield api
 
 
@@ -117,7 +117,7 @@ def test_a_page_of_another_site_changes_nothing(home: Api, method: str, path: st
     body = {} if form is None else {"json": form}
     problem(home.request(method, path, headers={"Origin": origin}, **body), 403, "other-site")
     assert home.everything()["/jobs"]["items"] == []
-    assert [place["name"] for place in home.everything()["/locations"]["items"]] == ["door"]
+    assert [location["name"] for location in home.everything()["/locations"]["items"]] == ["door"]
     assert home.facts("door")["observations"] == 0
 
 
@@ -141,7 +141,7 @@ def test_our_own_pages_may(home: Api, host: str) -> None:
 
 def test_a_browser_that_is_signed_in_acts_from_our_own_pages_only(tmp_path: Path) -> None:
     with open_house(tmp_path, host="0.0.0.0", open=True) as api:
-        door = api.place()
+        door = api.location()
         key = make_key(api, "first")
         sign_in = {"data": {"key": key}}
         assert api.http.request("POST", "/login", **sign_in, headers=OTHER).status_code == 403

@@ -41,7 +41,7 @@ def test_a_new_location_shows_its_settings_and_what_is_known_of_it(api: Api) -> 
 
 
 def test_what_is_left_out_has_the_documented_defaults(api: Api) -> None:
-    made = api.facts(api.place())
+    made = api.facts(api.location())
     defaults = {
         "estimator": "auto",
         "order": "auto",
@@ -55,24 +55,24 @@ def test_what_is_left_out_has_the_documented_defaults(api: Api) -> None:
 @pytest.mark.parametrize(("kind", "shape"), [("grid2d", [3, 4]), ("grid3d", [3, 4, 5]), ("grid2d", [3, 4, 1])])
 def test_a_grid_shows_its_geometry(api: Api, kind: str, shape: list[int]) -> None:
     grid = {**GRID, "shape": shape}
-    made = api.facts(api.place(kind=kind, grid=grid))
+    made = api.facts(api.location(kind=kind, grid=grid))
     assert (made["grid"], made["shape"], made["kind"]) == (grid, shape, kind)
 
 
 @pytest.mark.parametrize("name", ["a", "A.b_c-9", "x" * 128, "0", "CON", "state", "a..b"])
 def test_names_that_are_taken_as_they_are(api: Api, name: str) -> None:
-    assert done(api.get(f"/locations/{api.place(name=name)}"))["name"] == name
+    assert done(api.get(f"/locations/{api.location(name=name)}"))["name"] == name
     assert api.delete(f"/locations/{name}").status_code == 204
 
 
 def test_a_name_is_given_once(api: Api) -> None:
-    name = api.place()
+    name = api.location()
     found = problem(api.post("/locations", {"name": name, "interval_s": 1}), 409, "name-taken")
     assert name in found["detail"]
 
 
 def test_counters_follow_the_observations_and_the_model(api: Api) -> None:
-    name = api.place(estimator="fft", order=2)
+    name = api.location(estimator="fft", order=2)
     time, state = fortnight()
     api.observe(name, time[100:], state[100:])
     api.observe(name, time[:50], state[:50])
@@ -89,7 +89,7 @@ def test_counters_follow_the_observations_and_the_model(api: Api) -> None:
 
 
 def test_settings_can_be_changed_one_by_one(api: Api) -> None:
-    name = api.place()
+    name = api.location()
     before = api.facts(name)
     changes = [
         {"time_zone": "Europe/Berlin"},
@@ -112,7 +112,7 @@ def test_settings_can_be_changed_one_by_one(api: Api) -> None:
 
 @pytest.mark.parametrize("field", ["interval_s", "epoch", "kind", "grid", "revision", "colour"])
 def test_the_time_base_and_the_grid_stay(api: Api, field: str) -> None:
-    name = api.place()
+    name = api.location()
     before = api.facts(name)
     found = problem(api.patch(f"/locations/{name}", {field: before.get(field, 1)}), 422)
     assert [each["field"] for each in found["errors"]] == [field]
@@ -120,7 +120,7 @@ def test_the_time_base_and_the_grid_stay(api: Api, field: str) -> None:
 
 
 def test_a_change_that_contradicts_itself_changes_nothing(api: Api) -> None:
-    name = api.place()
+    name = api.location()
     before = api.facts(name)
     found = problem(api.patch(f"/locations/{name}", {"missing": "hold", "confidence": 0.6}), 422)
     assert found["errors"][0]["field"] == "hold_s"
@@ -128,7 +128,7 @@ def test_a_change_that_contradicts_itself_changes_nothing(api: Api) -> None:
 
 
 def test_a_renamed_location_keeps_all_that_is_its_own(api: Api) -> None:
-    old = api.place(estimator="fft", order=2)
+    old = api.location(estimator="fft", order=2)
     api.observe(old, *fortnight())
     job = api.update(old)
     api.observe(old, [NOW - 30], [1])
@@ -141,19 +141,19 @@ def test_a_renamed_location_keeps_all_that_is_its_own(api: Api) -> None:
     assert done(api.get(f"/jobs/{job['id']}"))["location"] == new
     assert done(api.get(f"/locations/{new}/anomalies"))["items"] == [{**each, "location": new} for each in events]
     assert done(api.get(f"/locations/{new}/state"))["revision"] == 1
-    api.place(name=old)
+    api.location(name=old)
     assert api.facts(old)["observations"] == 0
 
 
 def test_a_name_cannot_be_taken_from_another(api: Api) -> None:
-    first, second = api.place(), api.place()
+    first, second = api.location(), api.location()
     problem(api.patch(f"/locations/{first}", {"name": second}), 409, "name-taken")
     assert api.facts(first)["name"] == first
     assert done(api.patch(f"/locations/{first}", {"name": first}))["name"] == first
 
 
 def test_a_deleted_location_is_gone_with_all_that_was_its_own(api: Api) -> None:
-    name = api.place(estimator="fft", order=2)
+    name = api.location(estimator="fft", order=2)
     api.observe(name, *fortnight())
     job = api.update(name)
     api.observe(name, [NOW - 30], [1])
@@ -168,8 +168,8 @@ def test_a_deleted_location_is_gone_with_all_that_was_its_own(api: Api) -> None:
     assert name not in {each["name"] for each in done(api.get("/locations?limit=1000"))["items"]}
 
 
-def test_a_location_made_in_the_place_of_a_deleted_one_knows_nothing_of_it(api: Api) -> None:
-    name = api.place(estimator="fft", order=2)
+def test_a_location_made_in_the_location_of_a_deleted_one_knows_nothing_of_it(api: Api) -> None:
+    name = api.location(estimator="fft", order=2)
     time, state = fortnight()
     api.observe(name, time, state)
     api.update(name)
@@ -178,7 +178,7 @@ def test_a_location_made_in_the_place_of_a_deleted_one_knows_nothing_of_it(api: 
     assert sum(done(api.get(f"/locations/{name}/series"))["observed"]) == state.sum()
 
     api.delete(f"/locations/{name}")
-    api.place(name=name, estimator="fft", order=2)
+    api.location(name=name, estimator="fft", order=2)
     problem(api.get(f"/locations/{name}/model"), 409, "no-model")
     api.observe(name, time, 1 - state)
     assert done(api.get(f"/locations/{name}/series"))["observed"] == (1 - state).tolist()
@@ -189,7 +189,7 @@ def test_a_location_made_in_the_place_of_a_deleted_one_knows_nothing_of_it(api: 
 
 
 def test_locations_are_listed_by_name_page_by_page(api: Api) -> None:
-    made = {api.place(name=f"listed-{i:02}") for i in range(7)}
+    made = {api.location(name=f"listed-{i:02}") for i in range(7)}
     listed, after = [], None
     while True:
         page = done(api.get("/locations", params={"limit": 3, **({"after": after} if after else {})}))
@@ -210,5 +210,5 @@ def seconds(text: str) -> float:
 
 
 def test_times_come_out_as_iso_8601_in_utc(api: Api) -> None:
-    name = api.place(epoch=-HOUR / 2)
+    name = api.location(epoch=-HOUR / 2)
     assert api.facts(name)["epoch"] == "1969-12-31T23:30:00Z"

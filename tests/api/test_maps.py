@@ -150,7 +150,7 @@ class TestState:
         assert (answer.status_code, answer.headers["content-type"]) == (200, given)
 
     def test_an_answer_that_is_held_already_is_not_sent_again(self, api: Api) -> None:
-        name = api.place(estimator="fft", order=3, confidence=0.75)
+        name = api.location(estimator="fft", order=3, confidence=0.75)
         api.observe(name, *fortnight())
         api.update(name)
         asked = f"/locations/{name}/state?time={NINE}"
@@ -177,7 +177,7 @@ class TestState:
         assert api.get(asked, headers=held).status_code == 200
 
     def test_observed_answers_follow_the_observations(self, api: Api) -> None:
-        name = api.place(estimator="static")
+        name = api.location(estimator="static")
         api.observe(name, [NOW - DAY], [0])
         api.update(name)
         asked = f"/locations/{name}/state?time={NOW}&observed=true"
@@ -252,14 +252,14 @@ class TestSeries:
         assert answer["probability"] == answer["state"] == [None] * 24
 
     def test_before_the_first_model_only_the_observations_are_known(self, api: Api) -> None:
-        name = api.place()
+        name = api.location()
         assert done(api.get(f"/locations/{name}/series"))["time"] == []
         api.observe(name, [NOW - 2 * HOUR], [1])
         answer = done(api.get(f"/locations/{name}/series?start={NOW - 2 * HOUR}&stop={NOW}"))
         assert (answer["observed"], answer["probability"], answer["revision"]) == ([1, None], [None, None], 0)
 
     def test_held_states_are_observed_until_their_time_is_up(self, api: Api) -> None:
-        name = api.place(missing="hold", hold_s=2 * HOUR)
+        name = api.location(missing="hold", hold_s=2 * HOUR)
         api.observe(name, [NOW - 6 * HOUR, NOW - HOUR], [1, 0])
         answer = done(api.get(f"/locations/{name}/series"))
         assert answer["observed"] == [1, 1, 1, None, None, 0]
@@ -312,7 +312,7 @@ class TestModel:
 
     @pytest.mark.parametrize("order", [0, 1, 2, 3, 7, 15, 64])
     def test_components_and_outliers_give_back_the_history(self, api: Api, order: int) -> None:
-        name = api.place(estimator="fft", order=3)
+        name = api.location(estimator="fft", order=3)
         time, state = fortnight()
         noisy = state ^ (np.random.default_rng(order).random(len(state)) < 0.1)
         api.observe(name, time, noisy)
@@ -334,7 +334,7 @@ class TestModel:
         assert api.facts(door)["revision"] == 1
 
     def test_auto_says_what_it_chose_and_why(self, api: Api) -> None:
-        name = api.place()
+        name = api.location()
         api.observe(name, *fortnight())
         api.update(name)
         selection = done(api.get(f"/locations/{name}/model"))["selection"]
@@ -344,7 +344,7 @@ class TestModel:
         assert all({"error", "brier", "log_loss", "n"} <= row.keys() for row in selection["scores"])
 
     def test_with_too_little_history_auto_takes_the_mean_and_says_so(self, api: Api) -> None:
-        name = api.place()
+        name = api.location()
         api.observe(name, [NOW - HOUR], [1])
         api.update(name)
         model = done(api.get(f"/locations/{name}/model"))
@@ -365,7 +365,7 @@ class TestModel:
 
 @pytest.mark.parametrize("question", ["state", "model"])
 def test_without_a_revision_there_is_no_model(api: Api, question: str) -> None:
-    found = problem(api.get(f"/locations/{api.place()}/{question}"), 409)
+    found = problem(api.get(f"/locations/{api.location()}/{question}"), 409)
     assert found["type"].endswith("no-model")
     assert "update" in found["detail"]
 
@@ -373,7 +373,7 @@ def test_without_a_revision_there_is_no_model(api: Api, question: str) -> None:
 @pytest.mark.parametrize("question", ["predict", "evaluate", "anomalies/detect"])
 def test_nor_for_questions_with_a_form(api: Api, question: str) -> None:
     form = {"predict": {"time": [1]}, "evaluate": {"orders": [1]}, "anomalies/detect": {"start": 0, "stop": 1}}
-    found = problem(api.post(f"/locations/{api.place()}/{question}", form[question]), 409)
+    found = problem(api.post(f"/locations/{api.location()}/{question}", form[question]), 409)
     assert found["type"].endswith("no-model")
 
 

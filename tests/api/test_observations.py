@@ -41,7 +41,7 @@ def observed(api: Api, name: str, cell: int = 0) -> list[int | None]:
 
 
 def test_the_answer_says_what_was_stored(api: Api) -> None:
-    name = api.place()
+    name = api.location()
     answer = api.observe(name, TIMES, [0, 1, 1])
     assert set(answer) == ANSWERED
     assert answer == {
@@ -68,7 +68,7 @@ def test_the_answer_says_what_was_stored(api: Api) -> None:
     ids=["whole", "float", "iso", "mixed", "numbers-as-text"],
 )
 def test_times_are_unix_seconds_or_iso_8601_with_a_zone(api: Api, times: list[Any]) -> None:
-    name = api.place()
+    name = api.location()
     done(api.post(f"/locations/{name}/observations", {"time": times, "state": [0, 1, 1]}), 201)
     assert observed(api, name) == [0, 1, 1]
 
@@ -101,7 +101,7 @@ def _arrow_bodies() -> dict[str, Callable[[], bytes]]:
 
 @pytest.mark.parametrize("body", _arrow_bodies().values(), ids=_arrow_bodies())
 def test_arrow_columns_are_the_same_measurements(api: Api, body: Callable[[], bytes]) -> None:
-    name = api.place()
+    name = api.location()
     answer = api.post(f"/locations/{name}/observations", content=body(), headers={"Content-Type": ARROW})
     assert done(answer, 201)["accepted"] == 3
     assert (answer.json()["first_time"], answer.json()["last_time"]) == ("2026-03-01T21:00:00Z", "2026-03-01T23:00:00Z")
@@ -125,7 +125,7 @@ def _npy_bodies() -> dict[str, Callable[[], bytes]]:
 
 @pytest.mark.parametrize("body", _npy_bodies().values(), ids=_npy_bodies())
 def test_fields_of_npy_are_the_same_measurements(api: Api, body: Callable[[], bytes]) -> None:
-    name = api.place()
+    name = api.location()
     answer = api.post(f"/locations/{name}/observations", content=body(), headers={"Content-Type": NPY})
     assert done(answer, 201)["accepted"] == 3
     assert (answer.json()["first_time"], answer.json()["last_time"]) == ("2026-03-01T21:00:00Z", "2026-03-01T23:00:00Z")
@@ -133,7 +133,7 @@ def test_fields_of_npy_are_the_same_measurements(api: Api, body: Callable[[], by
 
 
 def test_arrow_keeps_microseconds(api: Api) -> None:
-    name = api.place(interval_s=0.001)
+    name = api.location(interval_s=0.001)
     time = NOW - 1 + np.array([0.25, 0.2515])
     body = arrow({"time": time, "state": np.array([0, 1], np.uint8)})
     answer = done(api.post(f"/locations/{name}/observations", content=body, headers={"Content-Type": ARROW}), 201)
@@ -151,7 +151,7 @@ def test_cells_are_linear_indices_or_ijk_and_both_in_one_list(api: Api) -> None:
 
 
 def test_cells_of_a_plane_have_two_indices(api: Api) -> None:
-    name = api.place(kind="grid2d", grid={"resolution_m": 1, "shape": [3, 4]})
+    name = api.location(kind="grid2d", grid={"resolution_m": 1, "shape": [3, 4]})
     api.look(name, (NOW - HOUR, [[1, 2]], [[2, 3]]))
     assert (observed(api, name, 6)[2], observed(api, name, 11)[2]) == (1, 0)
 
@@ -176,7 +176,7 @@ def test_a_look_may_have_seen_only_one_kind_of_cell(api: Api) -> None:
 
 
 def test_times_may_come_late_and_out_of_order(api: Api) -> None:
-    name = api.place()
+    name = api.location()
     api.observe(name, TIMES[::-1], [1, 0, 1])
     assert observed(api, name) == [1, 0, 1]
     api.observe(name, [TIMES[0] - 1, TIMES[0] + 1], [1, 0])
@@ -188,7 +188,7 @@ def test_times_may_come_late_and_out_of_order(api: Api) -> None:
 def test_the_order_and_number_of_posts_do_not_matter(api: Api) -> None:
     time, state = fortnight()
     order = np.random.default_rng(1).permutation(len(time))
-    whole, parts = api.place(estimator="fft", order=3), api.place(estimator="fft", order=3)
+    whole, parts = api.location(estimator="fft", order=3), api.location(estimator="fft", order=3)
     api.observe(whole, time, state)
     for part in np.array_split(order, 5):
         api.observe(parts, time[part], state[part])
@@ -200,7 +200,7 @@ def test_the_order_and_number_of_posts_do_not_matter(api: Api) -> None:
 
 
 def test_a_measurement_may_be_a_little_ahead_of_the_servers_clock(api: Api) -> None:
-    name = api.place()
+    name = api.location()
     api.observe(name, [NOW + HOUR - 1], [1])
     refused = api.post(f"/locations/{name}/observations", {"time": [NOW, NOW + HOUR + 1], "state": [1, 1]})
     assert problem(refused, 422)["errors"][0]["field"] == "time[1]"
@@ -211,7 +211,7 @@ def test_a_measurement_may_be_a_little_ahead_of_the_servers_clock(api: Api) -> N
 
 @pytest.mark.parametrize("time", [0.0, -1.0, -2208988800.0, -6e10])
 def test_old_times_are_times(api: Api, time: float) -> None:
-    name = api.place()
+    name = api.location()
     assert api.observe(name, [time], [1])["accepted"] == 1
     assert api.facts(name)["first_time"].endswith("Z")
 
@@ -243,7 +243,7 @@ def _zstd_unsized(body: bytes) -> bytes:
 )
 @pytest.mark.parametrize("media_type", [JSON, f"{JSON}; charset=utf-8", ARROW, NPY])
 def test_bodies_may_be_packed(api: Api, encoding: str, pack: Callable[[bytes], bytes], media_type: str) -> None:
-    name = api.place()
+    name = api.location()
     columns: dict[str, Any] = {"time": np.array(TIMES), "state": np.array([0, 1, 1], np.uint8)}
     encode = {ARROW: arrow, NPY: npy}.get(media_type, partial(orjson.dumps, option=orjson.OPT_SERIALIZE_NUMPY))
     plain = encode(columns)
@@ -268,7 +268,7 @@ class TestIdempotencyKeys:
         return api.post(f"/locations/{name}/observations", form, headers={"Idempotency-Key": key, **headers})
 
     def test_a_repetition_is_answered_but_not_stored(self, api: Api) -> None:
-        name = api.place()
+        name = api.location()
         first = done(self.post(api, name, self.FORM), 201)
         assert first["duplicate"] is False
         for _ in range(3):
@@ -278,7 +278,7 @@ class TestIdempotencyKeys:
         assert api.facts(name)["observations"] == 3
 
     def test_another_body_is_a_conflict(self, api: Api) -> None:
-        name = api.place()
+        name = api.location()
         done(self.post(api, name, self.FORM), 201)
         before = api.everything()
         found = problem(self.post(api, name, {"time": TIMES, "state": [1, 1, 1]}), 409, "idempotency-key-reused")
@@ -286,17 +286,17 @@ class TestIdempotencyKeys:
         assert api.everything() == before
 
     def test_even_a_body_that_is_wrong(self, api: Api) -> None:
-        name = api.place()
+        name = api.location()
         done(self.post(api, name, self.FORM), 201)
         problem(self.post(api, name, {"nonsense": 1}), 409, "idempotency-key-reused")
 
     def test_a_refused_post_does_not_use_up_its_key(self, api: Api) -> None:
-        name = api.place()
+        name = api.location()
         problem(self.post(api, name, {**self.FORM, "state": [0, 1, 2]}), 422)
         assert done(self.post(api, name, self.FORM), 201)["accepted"] == 3
 
     def test_packing_makes_no_other_body(self, api: Api) -> None:
-        name = api.place()
+        name = api.location()
         plain = json.dumps(self.FORM).encode()
         how = {"Idempotency-Key": "packed", "Content-Type": JSON}
         path = f"/locations/{name}/observations"
@@ -305,11 +305,11 @@ class TestIdempotencyKeys:
         assert packed.json()["duplicate"] is True
 
     def test_keys_belong_to_a_location(self, api: Api) -> None:
-        for name in (api.place(), api.place()):
+        for name in (api.location(), api.location()):
             done(self.post(api, name, self.FORM), 201)
 
     def test_it_outlives_compaction_and_model(self, api: Api) -> None:
-        name = api.place(estimator="fft", order=1)
+        name = api.location(estimator="fft", order=1)
         done(self.post(api, name, self.FORM), 201)
         api.update(name)
         assert done(self.post(api, name, self.FORM), 200)["revision"] == 1
@@ -317,19 +317,19 @@ class TestIdempotencyKeys:
 
     @pytest.mark.parametrize("key", ["x", "y" * 255, "a b/c:d;e", "0"])
     def test_keys_may_be_what_senders_like(self, api: Api, key: str) -> None:
-        name = api.place()
+        name = api.location()
         done(self.post(api, name, self.FORM, key), 201)
         done(self.post(api, name, self.FORM, key), 200)
 
     def test_it_stores_once_when_several_send_it_at_once(self, api: Api) -> None:
-        name = api.place()
+        name = api.location()
         with ThreadPoolExecutor(8) as pool:
             answers = list(pool.map(lambda _: self.post(api, name, self.FORM), range(24)))
         assert sorted(answer.status_code for answer in answers) == [200] * 23 + [201]
         assert api.facts(name)["observations"] == 3
 
     def test_posts_without_a_key_are_posts_of_their_own(self, api: Api) -> None:
-        name = api.place()
+        name = api.location()
         api.observe(name, TIMES, [0, 1, 1])
         api.observe(name, TIMES, [0, 1, 1])
         assert api.facts(name)["observations"] == 6
@@ -381,9 +381,9 @@ class TestGrids:
         assert series[0]["observed"] == series[1]["observed"]
 
     def test_of_flat_grids_of_bools_and_of_a_state(self, api: Api) -> None:
-        flat = api.place(kind="grid2d", grid={"resolution_m": 1, "shape": [2, 3]})
+        flat = api.location(kind="grid2d", grid={"resolution_m": 1, "shape": [2, 3]})
         assert done(self.post(api, flat, np.eye(2, 3, dtype=bool)), 201)["accepted"] == 6
-        assert done(self.post(api, api.place(), np.array([1], np.uint8)), 201)["accepted"] == 1
+        assert done(self.post(api, api.location(), np.array([1], np.uint8)), 201)["accepted"] == 1
 
     def test_its_time_belongs_to_what_a_key_stands_for(self, api: Api) -> None:
         name, key = api.lab(), {"Idempotency-Key": "k"}
@@ -393,7 +393,7 @@ class TestGrids:
 
 
 def test_surprising_measurements_come_back_as_events(api: Api) -> None:
-    name = api.place(estimator="fft", order=3, confidence=0.75)
+    name = api.location(estimator="fft", order=3, confidence=0.75)
     api.observe(name, *fortnight())
     api.update(name)
     answer = api.observe(name, [NOW + 600], [1], params={"source": "robot-7"})
@@ -423,7 +423,7 @@ def test_surprising_measurements_come_back_as_events(api: Api) -> None:
 
 
 def test_a_body_of_many_measurements(api: Api) -> None:
-    name = api.place(interval_s=1)
+    name = api.location(interval_s=1)
     time = NOW - DAY + np.arange(70_000)
     columns = {"time": time, "state": (np.arange(70_000) % 2).astype(np.uint8)}
     answer = api.post(f"/locations/{name}/observations", content=arrow(columns), headers={"Content-Type": ARROW})

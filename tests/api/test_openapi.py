@@ -83,7 +83,7 @@ def resolve(document: Any, reference: str) -> Any:
 
 
 def nodes(value: Any, path: str = "#") -> Iterator[tuple[str, Any]]:
-    """Every object of a document with its place."""
+    """Every object of a document with its path."""
     if isinstance(value, dict):
         yield path, value
         for key, item in value.items():
@@ -181,7 +181,7 @@ def test_every_body_has_examples(document: Any) -> None:
 
 
 def test_every_example_of_a_body_is_accepted(document: Any, api: Api) -> None:
-    name = api.place(estimator="fft", order=3, confidence=0.75)
+    name = api.location(estimator="fft", order=3, confidence=0.75)
     api.observe(name, *fortnight())
     api.update(name)
     (event,) = api.observe(name, [NOW + 30], [1])["anomalies"]
@@ -190,7 +190,7 @@ def test_every_example_of_a_body_is_accepted(document: Any, api: Api) -> None:
         for example in examples(document, media):
             place = grid if isinstance(example, dict) and "observations" in example else name
             if path == "/locations/{name}" and method == "patch":
-                place = api.place()
+                place = api.location()
             address = path.replace("{name}", place).replace("{anomaly_id}", str(event["id"]))
             answer = api.request(method.upper(), address, json=example)
             assert answer.status_code in (200, 201, 202), (path, example, answer.text)

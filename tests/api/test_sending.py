@@ -39,11 +39,11 @@ def ctx(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Context]:
     migrate_to_head(url)
     with opened(url, viewer=False) as ctx:
         make_location(ctx, "hall", (SIDE, SIDE), confidence=0.75)
-        place = find_location(ctx, "hall")
-        for chunk in range(place.n_chunks):
-            spectrum = waving(chunk, place.chunk_size(chunk))
-            ctx.store.submit(lambda work, at=chunk, value=spectrum: work.spectra.put_chunk(place.id, 1, at, value))
-        record = RevisionRecord(place.id, 1, Recipe("fft", 1, "UTC"), 0, 2016, 0, 0, None, 0.0, None)
+        location = find_location(ctx, "hall")
+        for chunk in range(location.n_chunks):
+            spectrum = waving(chunk, location.chunk_size(chunk))
+            ctx.store.submit(lambda work, at=chunk, value=spectrum: work.spectra.put_chunk(location.id, 1, at, value))
+        record = RevisionRecord(location.id, 1, Recipe("fft", 1, "UTC"), 0, 2016, 0, 0, None, 0.0, None)
         ctx.store.write(lambda work: work.spectra.publish(record))
         yield ctx
 

@@ -43,7 +43,7 @@ def execute(api: Api, statement: str) -> None:
 
 def test_a_full_queue_refuses_writes_and_says_when_to_try_again(tmp_path: Path) -> None:
     with open_house(tmp_path, commit_queue=2) as api:
-        name = api.place()
+        name = api.location()
         form = {"time": [NOW], "state": [1]}
         writes = [
             ("POST", f"/locations/{name}/observations", form),
@@ -67,7 +67,7 @@ def test_a_full_queue_refuses_writes_and_says_when_to_try_again(tmp_path: Path) 
 
 def test_while_stopping_writes_are_refused(tmp_path: Path) -> None:
     with open_house(tmp_path) as api:
-        name = api.place()
+        name = api.location()
         api.ctx.store.close()
         answer = api.post(f"/locations/{name}/observations", {"time": [NOW], "state": [1]})
         problem(answer, 503, "shutting-down")
@@ -77,7 +77,7 @@ def test_while_stopping_writes_are_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("table", ["observation", "location"])
 def test_a_database_that_fails_is_no_internal_error(tmp_path: Path, table: str) -> None:
     with open_house(tmp_path) as api:
-        name = api.place()
+        name = api.location()
         execute(api, f"ALTER TABLE {table} RENAME TO gone")
         form = {"time": [NOW], "state": [1]}
         answer = api.post(f"/locations/{name}/observations", form, headers={"Idempotency-Key": "k"})
@@ -89,7 +89,7 @@ def test_a_database_that_fails_is_no_internal_error(tmp_path: Path, table: str) 
 
 def test_a_damaged_spectrum_is_named_and_nothing_else_suffers(tmp_path: Path) -> None:
     with open_house(tmp_path) as api:
-        broken, whole = api.place(estimator="fft", order=2), api.place(estimator="fft", order=2)
+        broken, whole = api.location(estimator="fft", order=2), api.location(estimator="fft", order=2)
         for name in (broken, whole):
             api.observe(name, *fortnight())
             api.update(name)

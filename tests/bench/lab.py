@@ -54,10 +54,10 @@ def prepare(ctx: Context) -> None:
 
 def _occupied(time_s: float) -> np.ndarray:
     """A tenth is occupied for some hours of every day, another tenth always."""
-    place = np.arange(CELLS.size) // 50
+    location = np.arange(CELLS.size) // 50
     hour = time_s % DAY_S / 3600
-    begin = place // 10 % 16
-    return np.where(place % 10 == 0, (hour >= begin) & (hour < begin + 8), place % 10 == 1)
+    begin = location // 10 % 16
+    return np.where(location % 10 == 0, (hour >= begin) & (hour < begin + 8), location % 10 == 1)
 
 
 def now() -> float:

@@ -29,9 +29,9 @@ def make(ctx: Context, shape: tuple[int, ...] = SHAPE, estimator: str = "auto") 
     grid = {"frame": "map", "origin": [0.0, 0.0, 0.0], "resolution_m": 0.1, "shape": list(shape)}
     form = {"name": NAME, "kind": "grid3d", "interval_s": INTERVAL_S, "epoch": 0.0, "grid": grid}
     create_location(ctx, LocationForm(**form, estimator=estimator))
-    place = find_location(ctx, NAME)
+    location = find_location(ctx, NAME)
     for some in _groups(_segments(prod(shape)), 32):
-        ctx.store.write(lambda work, some=some: work.segments.put(place, some))
+        ctx.store.write(lambda work, some=some: work.segments.put(location, some))
     for time in (TIME[0], TIME[-1]):
         observe(ctx, NAME, Post(Body(arrow(look(time, np.zeros(0, np.uint32), np.array([1]))), ARROW)))
 

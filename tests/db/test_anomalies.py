@@ -19,7 +19,7 @@ from tidemap.storage.work import Work
 
 
 @pytest.fixture
-def place(store: Store) -> LocationRecord:
+def location(store: Store) -> LocationRecord:
     """A door."""
     return store.write(lambda work: work.locations.create(VALUES))
 
@@ -32,8 +32,8 @@ def second(database_url: str) -> Iterator[Store]:
     other.close()
 
 
-def event_of(place: LocationRecord, **changes: Any) -> AnomalyRecord:
-    event = AnomalyRecord(place.id, 0, 60.0, 120.0, np.array([7, 3]), 1, 0.1, 0.9, 0.8, "surprise", 4)
+def event_of(location: LocationRecord, **changes: Any) -> AnomalyRecord:
+    event = AnomalyRecord(location.id, 0, 60.0, 120.0, np.array([7, 3]), 1, 0.1, 0.9, 0.8, "surprise", 4)
     return replace(event, **changes)
 
 
@@ -42,8 +42,8 @@ def ids(store: Store, **wanted: Any) -> list[int]:
         return [event.id for event in work.anomalies.list(EventFilter(**wanted))]
 
 
-def test_an_event_comes_back_as_it_was(store: Store, place: LocationRecord) -> None:
-    (stored,) = store.write(lambda work: work.anomalies.append([event_of(place)]))
+def test_an_event_comes_back_as_it_was(store: Store, location: LocationRecord) -> None:
+    (stored,) = store.write(lambda work: work.anomalies.append([event_of(location)]))
     with store.read() as work:
         found = work.anomalies.get(stored.id)
         assert work.anomalies.latest() == stored.id == 1
@@ -60,23 +60,23 @@ def test_nothing_is_stored_of_no_events(store: Store) -> None:
         assert work.anomalies.list(EventFilter()) == []
 
 
-def test_every_filter_leaves_out_what_it_says(store: Store, place: LocationRecord) -> None:
+def test_every_filter_leaves_out_what_it_says(store: Store, location: LocationRecord) -> None:
     gate = store.write(lambda work: work.locations.create({**VALUES, "name": "gate"}))
     events = [
-        event_of(place, start=0.0, stop=60.0, surprise=0.85),
-        event_of(place, start=60.0, stop=120.0, surprise=0.95),
+        event_of(location, start=0.0, stop=60.0, surprise=0.85),
+        event_of(location, start=60.0, stop=120.0, surprise=0.95),
         event_of(gate, start=60.0, stop=180.0, surprise=0.90),
-        event_of(place, start=120.0, stop=180.0, surprise=0.99),
+        event_of(location, start=120.0, stop=180.0, surprise=0.99),
     ]
     store.write(lambda work: work.anomalies.append(events))
     store.write(lambda work: work.anomalies.acknowledge(3, "ann", 9.0, None))
     for wanted, expected in (
         ({}, [1, 2, 3, 4]),
-        ({"location_id": place.id}, [1, 2, 4]),
+        ({"location_id": location.id}, [1, 2, 4]),
         ({"location_id": 99}, []),
         ({"after": 2}, [3, 4]),
         ({"limit": 2}, [1, 2]),
-        ({"after": 1, "limit": 2, "location_id": place.id}, [2, 4]),
+        ({"after": 1, "limit": 2, "location_id": location.id}, [2, 4]),
         ({"start": 60.0}, [2, 3, 4]),
         ({"start": 120.0}, [3, 4]),
         ({"stop": 60.0}, [1]),
@@ -87,11 +87,11 @@ def test_every_filter_leaves_out_what_it_says(store: Store, place: LocationRecor
     ):
         assert ids(store, **wanted) == expected, wanted
     with store.read() as work:
-        assert work.locations.open_anomalies() == {place.id: 3}
+        assert work.locations.open_anomalies() == {location.id: 3}
 
 
-def test_an_acknowledgement_is_kept_and_can_be_replaced(store: Store, place: LocationRecord) -> None:
-    store.write(lambda work: work.anomalies.append([event_of(place)]))
+def test_an_acknowledgement_is_kept_and_can_be_replaced(store: Store, location: LocationRecord) -> None:
+    store.write(lambda work: work.anomalies.append([event_of(location)]))
     for by, at, note in (("ann", 1.0, "cleaner's trolley"), ("bob", 2.0, None)):
         found = store.write(lambda work, by=by, at=at, note=note: work.anomalies.acknowledge(1, by, at, note))
         assert (found.acknowledged_by, found.acknowledged_at, found.note) == (by, at, note)
@@ -99,19 +99,21 @@ def test_an_acknowledgement_is_kept_and_can_be_replaced(store: Store, place: Loc
         store.write(lambda work: work.anomalies.acknowledge(2, "ann", 1.0, None))
 
 
-def test_an_id_follows_the_commit_not_the_start_of_a_write(store: Store, second: Store, place: LocationRecord) -> None:
+def test_an_id_follows_the_commit_not_the_start_of_a_write(
+    store: Store, second: Store, location: LocationRecord
+) -> None:
     """Whoever takes an id keeps others from taking a later one until its own is visible."""
     taken, go_on = Event(), Event()
 
     def slow(work: Work) -> int:
-        (stored,) = work.anomalies.append([event_of(place)])
+        (stored,) = work.anomalies.append([event_of(location)])
         taken.set()
         go_on.wait(WAIT_S)
         return stored.id
 
     first = store.submit(slow)
     assert taken.wait(WAIT_S)
-    other = second.submit(lambda work: work.anomalies.append([event_of(place)])[0].id)
+    other = second.submit(lambda work: work.anomalies.append([event_of(location)])[0].id)
     assert ids(store) == []
     assert not other.done()
     go_on.set()
@@ -120,16 +122,16 @@ def test_an_id_follows_the_commit_not_the_start_of_a_write(store: Store, second:
 
 @pytest.mark.parametrize("first_of_all", [True, False])
 def test_a_reader_who_resumes_by_id_misses_no_event(
-    store: Store, second: Store, place: LocationRecord, first_of_all: bool
+    store: Store, second: Store, location: LocationRecord, first_of_all: bool
 ) -> None:
     """Two writing processes, failing writes among them, and a poller."""
     if not first_of_all:
-        store.write(lambda work: work.anomalies.append([event_of(place)]))
+        store.write(lambda work: work.anomalies.append([event_of(location)]))
     finished = Event()
 
     def write(n: int) -> list[int]:
         def run(work: Work) -> list[int]:
-            stored = work.anomalies.append([event_of(place)] * (1 + n % 3))
+            stored = work.anomalies.append([event_of(location)] * (1 + n % 3))
             if n % 7 == 3:
                 raise ValueError("this write fails after it has taken ids")
             return [event.id for event in stored]

@@ -152,8 +152,8 @@ class TestHistory:
         for n in (7, 8):
             post_rows(ctx, "lab", [(MINUTE * n, cell, 1) for cell in CELLS])
             compact_now(ctx, "lab")
-        place = find_location(ctx, "lab")
-        assert place.compacted_seq == place.observation_seq == 4
+        location = find_location(ctx, "lab")
+        assert location.compacted_seq == location.observation_seq == 4
         assert payload(ctx, history, chunk=1) == spoilt
         assert series(ctx, "lab", SeriesQuery(2400)).observed.tolist() == [0, 1, 0, 1, 0, 1, 1, 1, 1]
         with pytest.raises(CorruptChunkError, match="history of location 'lab', chunk 1, segment 0 is corrupt"):

@@ -183,9 +183,9 @@ class HistoryMachine(RuleBasedStateMachine):
     def the_last_seen_is_the_latest_in_the_dictionary(self) -> None:
         if not hasattr(self, "ctx"):
             return
-        place = find_location(self.ctx, self.name)
+        location = find_location(self.ctx, self.name)
         for sample in (-4096, 4095, 10**9):
-            found = last_seen(self.ctx, place, sample, np.array(CELLS))
+            found = last_seen(self.ctx, location, sample, np.array(CELLS))
             assert found.damaged == []
             for i, cell in enumerate(CELLS):
                 before = [n for c, n in self.truth if c == cell and n <= sample]
@@ -195,9 +195,9 @@ class HistoryMachine(RuleBasedStateMachine):
     @invariant()
     def nothing_is_counted_twice(self) -> None:
         if hasattr(self, "ctx"):
-            place = find_location(self.ctx, self.name)
-            assert place.measurements == self.measurements
-            assert place.observation_seq >= len(self.posts)
+            location = find_location(self.ctx, self.name)
+            assert location.measurements == self.measurements
+            assert location.observation_seq >= len(self.posts)
 
     def _make(self) -> None:
         make_location(self.ctx, self.name, SHAPE, epoch=BASE.epoch, interval_s=BASE.interval_s)

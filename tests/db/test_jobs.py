@@ -12,7 +12,7 @@ from tidemap.storage.store import Store
 
 
 @pytest.fixture
-def place(store: Store) -> LocationRecord:
+def location(store: Store) -> LocationRecord:
     """A door."""
     return store.write(lambda work: work.locations.create(VALUES))
 
@@ -25,15 +25,15 @@ def second(database_url: str) -> Iterator[Store]:
     other.close()
 
 
-def queue(store: Store, place: LocationRecord, count: int = 1) -> list[int]:
+def queue(store: Store, location: LocationRecord, count: int = 1) -> list[int]:
     def create() -> int:
-        return store.write(lambda work: work.jobs.create(place.id, "update", {"order": 3, "start": None}, 5.0)).id
+        return store.write(lambda work: work.jobs.create(location.id, "update", {"order": 3, "start": None}, 5.0)).id
 
     return [create() for _ in range(count)]
 
 
-def test_a_new_job_is_queued(store: Store, place: LocationRecord) -> None:
-    (number,) = queue(store, place)
+def test_a_new_job_is_queued(store: Store, location: LocationRecord) -> None:
+    (number,) = queue(store, location)
     with store.read() as work:
         job = work.jobs.get(number)
     assert (job.location, job.kind, job.state, job.progress) == ("door", "update", "queued", 0.0)
@@ -41,9 +41,9 @@ def test_a_new_job_is_queued(store: Store, place: LocationRecord) -> None:
     assert (job.created_at, job.finished_at, job.error, job.result) == (5.0, None, None, None)
 
 
-def test_the_list_begins_with_the_newest(store: Store, place: LocationRecord) -> None:
+def test_the_list_begins_with_the_newest(store: Store, location: LocationRecord) -> None:
     gate = store.write(lambda work: work.locations.create({**VALUES, "name": "gate"}))
-    one, two, three = queue(store, place), queue(store, gate), queue(store, place)
+    one, two, three = queue(store, location), queue(store, gate), queue(store, location)
     with store.read() as work:
         assert [job.id for job in work.jobs.list(None, 10)] == [*three, *two, *one]
         assert [job.id for job in work.jobs.list(None, 2)] == [*three, *two]
@@ -51,20 +51,20 @@ def test_the_list_begins_with_the_newest(store: Store, place: LocationRecord) ->
         assert [job.id for job in work.jobs.list(None, 10, "door")] == [*three, *one]
 
 
-def test_the_oldest_is_claimed_first_and_once(store: Store, place: LocationRecord) -> None:
-    first, other = queue(store, place, 2)
+def test_the_oldest_is_claimed_first_and_once(store: Store, location: LocationRecord) -> None:
+    first, other = queue(store, location, 2)
     claimed = store.write(lambda work: work.jobs.claim(frozenset()))
     assert claimed is not None
     assert (claimed.id, claimed.state) == (first, "running")
-    assert store.write(lambda work: work.jobs.claim(frozenset({place.id}))) is None
+    assert store.write(lambda work: work.jobs.claim(frozenset({location.id}))) is None
     claimed = store.write(lambda work: work.jobs.claim(frozenset()))
     assert claimed is not None
     assert claimed.id == other
     assert store.write(lambda work: work.jobs.claim(frozenset())) is None
 
 
-def test_two_processes_never_claim_the_same(store: Store, second: Store, place: LocationRecord) -> None:
-    queued = queue(store, place, 24)
+def test_two_processes_never_claim_the_same(store: Store, second: Store, location: LocationRecord) -> None:
+    queued = queue(store, location, 24)
 
     def claim(n: int) -> int | None:
         job = (store, second)[n % 2].write(lambda work: work.jobs.claim(frozenset()))
@@ -78,8 +78,8 @@ def test_two_processes_never_claim_the_same(store: Store, second: Store, place: 
     assert sorted(found) == queued
 
 
-def test_a_transition_needs_the_expected_state(store: Store, place: LocationRecord) -> None:
-    (number,) = queue(store, place)
+def test_a_transition_needs_the_expected_state(store: Store, location: LocationRecord) -> None:
+    (number,) = queue(store, location)
     assert store.write(lambda work: work.jobs.transition(number, "queued", state="cancelled", finished_at=6.0))
     assert not store.write(lambda work: work.jobs.transition(number, "queued", state="running"))
     assert not store.write(lambda work: work.jobs.transition(number + 1, "queued", state="running"))
@@ -87,8 +87,8 @@ def test_a_transition_needs_the_expected_state(store: Store, place: LocationReco
         assert (work.jobs.get(number).state, work.jobs.get(number).finished_at) == ("cancelled", 6.0)
 
 
-def test_what_was_running_when_the_process_ended_runs_again(store: Store, place: LocationRecord) -> None:
-    running, done, waiting = queue(store, place, 3)
+def test_what_was_running_when_the_process_ended_runs_again(store: Store, location: LocationRecord) -> None:
+    running, done, waiting = queue(store, location, 3)
     for number in (running, done):
         store.write(lambda work, number=number: work.jobs.transition(number, "queued", state="running"))
         store.write(lambda work, number=number: work.jobs.progress(number, 0.5))
@@ -100,10 +100,10 @@ def test_what_was_running_when_the_process_ended_runs_again(store: Store, place:
     assert jobs[1].result == {"revision": 1}
 
 
-def test_an_unknown_job_is_said_to_be_unknown(store: Store, place: LocationRecord) -> None:
+def test_an_unknown_job_is_said_to_be_unknown(store: Store, location: LocationRecord) -> None:
     with store.read() as work, pytest.raises(JobNotFoundError):
         work.jobs.get(1)
-    (number,) = queue(store, place)
+    (number,) = queue(store, location)
     store.write(lambda work: work.locations.delete("door"))
     with store.read() as work, pytest.raises(JobNotFoundError):
         work.jobs.get(number)

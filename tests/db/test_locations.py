@@ -93,9 +93,9 @@ def test_the_list_is_sorted_and_goes_on_after_a_name(store: Store) -> None:
     for name in ("b", "C", "a", "B-1", "a.2"):
         store.write(lambda work, name=name: work.locations.create({**VALUES, "name": name}))
     with store.read() as work:
-        every = [place.name for place in work.locations.list()]
-        pages = [place.name for place in work.locations.list(limit=2)]
-        while page := [place.name for place in work.locations.list(after=pages[-1], limit=2)]:
+        every = [location.name for location in work.locations.list()]
+        pages = [location.name for location in work.locations.list(limit=2)]
+        while page := [location.name for location in work.locations.list(after=pages[-1], limit=2)]:
             pages += page
     assert sorted(every) == sorted(("b", "C", "a", "B-1", "a.2"))
     assert pages == every
@@ -119,10 +119,10 @@ def fill(ctx: Context, name: str) -> int:
     refit(ctx, name, estimator="static")
     request_update(ctx, name, UpdateRequest())
     with ctx.store.read() as work:
-        place = work.locations.get(name)
-    event = AnomalyRecord(place.id, 0, 0.0, 60.0, np.array([1, 2]), 1, 0.1, 0.9, 0.9, "surprise", 1)
+        location = work.locations.get(name)
+    event = AnomalyRecord(location.id, 0, 0.0, 60.0, np.array([1, 2]), 1, 0.1, 0.9, 0.9, "surprise", 1)
     ctx.store.write(lambda work: work.anomalies.append([event]))
-    return place.id
+    return location.id
 
 
 def test_nothing_is_left_of_a_deleted_location(ctx: Context) -> None:

@@ -18,7 +18,7 @@ from tidemap.storage.tables import observation
 
 
 @pytest.fixture
-def place(store: Store) -> LocationRecord:
+def location(store: Store) -> LocationRecord:
     """A door that nobody has observed yet."""
     return store.write(lambda work: work.locations.create(VALUES))
 
@@ -30,70 +30,70 @@ def record_of(rows: list[Row], key: str | None = None, digest: bytes = b"body") 
     return ObservationRecord(1.0, "robot", len(rows), float(times.min()), float(times.max()), key, digest, payload)
 
 
-def append(store: Store, place: LocationRecord, rows: list[Row], key: str | None = None) -> int:
-    return store.write(lambda work: work.observations.append(place.id, [record_of(rows, key)])) or 0
+def append(store: Store, location: LocationRecord, rows: list[Row], key: str | None = None) -> int:
+    return store.write(lambda work: work.observations.append(location.id, [record_of(rows, key)])) or 0
 
 
-def now(store: Store, place: LocationRecord) -> LocationRecord:
+def now(store: Store, location: LocationRecord) -> LocationRecord:
     with store.read() as work:
-        return work.locations.get(place.name)
+        return work.locations.get(location.name)
 
 
-def test_observations_are_numbered_in_the_order_of_their_commits(store: Store, place: LocationRecord) -> None:
+def test_observations_are_numbered_in_the_order_of_their_commits(store: Store, location: LocationRecord) -> None:
     other = store.write(lambda work: work.locations.create({**VALUES, "name": "gate"}))
     with ThreadPoolExecutor(8) as pool:
-        numbers = list(pool.map(lambda n: append(store, place, [(60.0 * n, 0, n % 2)]), range(40)))
+        numbers = list(pool.map(lambda n: append(store, location, [(60.0 * n, 0, n % 2)]), range(40)))
         assert append(store, other, [(0.0, 0, 1)]) == 1
     assert sorted(numbers) == list(range(1, 41))
     with store.read() as work:
-        stored = {number: float(part.time[0]) for number, part in work.observations.tail(now(store, place)).parts}
+        stored = {number: float(part.time[0]) for number, part in work.observations.tail(now(store, location)).parts}
     assert stored == {number: 60.0 * n for n, number in enumerate(numbers)}
 
 
-def test_statistics_follow_early_late_and_repeated_times(store: Store, place: LocationRecord) -> None:
+def test_statistics_follow_early_late_and_repeated_times(store: Store, location: LocationRecord) -> None:
     for rows, first, last, total in (
         ([(500.0, 0, 1), (700.0, 0, 0)], 500.0, 700.0, 2),
         ([(600.0, 0, 1)], 500.0, 700.0, 3),
         ([(-40.5, 0, 1)], -40.5, 700.0, 4),
         ([(1e9, 0, 1), (-1e9, 0, 0)], -1e9, 1e9, 6),
     ):
-        append(store, place, rows)
-        after = now(store, place)
+        append(store, location, rows)
+        after = now(store, location)
         assert (after.first_time, after.last_time, after.measurements) == (first, last, total)
 
 
-def test_a_deleted_location_takes_no_observation(store: Store, place: LocationRecord) -> None:
+def test_a_deleted_location_takes_no_observation(store: Store, location: LocationRecord) -> None:
     store.write(lambda work: work.locations.delete("door"))
-    assert append(store, place, [(0.0, 0, 1)]) == 0
+    assert append(store, location, [(0.0, 0, 1)]) == 0
     with store.read() as work:
         assert work.observations._connection.execute(select(observation)).all() == []
 
 
-def test_many_observations_are_appended_at_once(store: Store, place: LocationRecord) -> None:
-    append(store, place, [(60.0, 0, 1)])
+def test_many_observations_are_appended_at_once(store: Store, location: LocationRecord) -> None:
+    append(store, location, [(60.0, 0, 1)])
     looks = [record_of([(60.0 * n, 0, 1), (600.0 - n, 0, 0)], f"k{n}") for n in range(2, 5)]
-    assert store.write(lambda work: work.observations.append(place.id, looks)) == 2
-    after = now(store, place)
+    assert store.write(lambda work: work.observations.append(location.id, looks)) == 2
+    after = now(store, location)
     assert (after.observation_seq, after.measurements, after.first_time, after.last_time) == (4, 7, 60.0, 598.0)
     with store.read() as work:
         assert [number for number, _ in work.observations.tail(after).parts] == [1, 2, 3, 4]
 
 
-def test_an_idempotency_key_stands_for_one_body_at_one_location(store: Store, place: LocationRecord) -> None:
+def test_an_idempotency_key_stands_for_one_body_at_one_location(store: Store, location: LocationRecord) -> None:
     other = store.write(lambda work: work.locations.create({**VALUES, "name": "gate"}))
-    append(store, place, [(0.0, 0, 1)], "k1")
-    append(store, place, [(0.0, 0, 1)])
-    append(store, place, [(0.0, 0, 1)])
+    append(store, location, [(0.0, 0, 1)], "k1")
+    append(store, location, [(0.0, 0, 1)])
+    append(store, location, [(0.0, 0, 1)])
     with store.read() as work:
-        assert work.observations.digests(place.id, ["k1", "k2"]) == {"k1": b"body"}
+        assert work.observations.digests(location.id, ["k1", "k2"]) == {"k1": b"body"}
         assert work.observations.digests(other.id, ["k1"]) == {}
-        assert work.observations.digests(place.id, []) == {}
+        assert work.observations.digests(location.id, []) == {}
 
 
-def test_the_tail_is_what_is_not_compacted(store: Store, place: LocationRecord) -> None:
+def test_the_tail_is_what_is_not_compacted(store: Store, location: LocationRecord) -> None:
     batches = [[(60.0 * (10 * n + i), 0, i % 2) for i in range(size)] for n, size in enumerate((3, 1, 5, 2))]
     for batch in batches:
-        append(store, place, batch)
+        append(store, location, batch)
     with store.read() as work:
         full = work.observations.tail(work.locations.get("door")).parts
         assert [number for number, _ in full] == [1, 2, 3, 4]
@@ -105,27 +105,27 @@ def test_the_tail_is_what_is_not_compacted(store: Store, place: LocationRecord) 
             packed = work.observations.packed(work.locations.get("door"), most)
             assert [row.number for row in packed] == [1, 2, 3, 4][:count]
             assert [len(row.unpack()) for row in packed] == [row.measurements for row in packed]
-    assert store.write(lambda work: work.observations.settle(now(store, place), 2))
+    assert store.write(lambda work: work.observations.settle(now(store, location), 2))
     with store.read() as work:
         assert [number for number, _ in work.observations.tail(work.locations.get("door")).parts] == [3, 4]
 
 
-def test_what_waits_for_compaction_is_counted(store: Store, place: LocationRecord) -> None:
+def test_what_waits_for_compaction_is_counted(store: Store, location: LocationRecord) -> None:
     gate = store.write(lambda work: work.locations.create({**VALUES, "name": "gate"}))
     for size in (3, 1, 5):
-        append(store, place, [(60.0 * n, 0, 1) for n in range(size)])
+        append(store, location, [(60.0 * n, 0, 1) for n in range(size)])
     append(store, gate, [(0.0, 0, 1)])
     store.write(lambda work: work.observations.settle(now(store, gate), 1))
-    store.write(lambda work: work.observations.settle(now(store, place), 1))
+    store.write(lambda work: work.observations.settle(now(store, location), 1))
     with store.read() as work:
-        assert work.observations.waiting() == {place.id: 6}
+        assert work.observations.waiting() == {location.id: 6}
 
 
-def test_compaction_keeps_the_row_of_an_observation_for_its_key(store: Store, place: LocationRecord) -> None:
-    append(store, place, [(0.0, 0, 1)], "k1")
-    store.write(lambda work: work.observations.settle(now(store, place), 1))
+def test_compaction_keeps_the_row_of_an_observation_for_its_key(store: Store, location: LocationRecord) -> None:
+    append(store, location, [(0.0, 0, 1)], "k1")
+    store.write(lambda work: work.observations.settle(now(store, location), 1))
     with store.read() as work:
-        assert work.observations.digests(place.id, ["k1"]) == {"k1": b"body"}
+        assert work.observations.digests(location.id, ["k1"]) == {"k1": b"body"}
         payloads = work.observations._connection.execute(select(observation.c.payload)).scalars().all()
     assert payloads == [None]
 
@@ -166,8 +166,8 @@ def test_a_stale_record_reads_its_own_tail(ctx: Context) -> None:
     """What a record says about the log bounds what is read for it."""
     make_location(ctx, "lab", (50, 50))
     post_rows(ctx, "lab", [(0.0, 1, 1)])
-    place = find_location(ctx, "lab")
+    location = find_location(ctx, "lab")
     post_rows(ctx, "lab", [(60.0, 1, 1)])
     with ctx.store.read() as work:
-        assert [number for number, _ in work.observations.tail(place).parts] == [1]
-        assert work.observations.tail(replace(place, compacted_seq=1)).parts == []
+        assert [number for number, _ in work.observations.tail(location).parts] == [1]
+        assert work.observations.tail(replace(location, compacted_seq=1)).parts == []

@@ -22,7 +22,7 @@ from tidemap.storage.work import Work
 
 
 @pytest.fixture
-def place(store: Store) -> LocationRecord:
+def location(store: Store) -> LocationRecord:
     """A door that nobody has observed yet."""
     return store.write(lambda work: work.locations.create(VALUES))
 
@@ -33,16 +33,16 @@ def everything(store: Store) -> list[tuple[object, ...]]:
         return [tuple(row) for table in (history, observation) for row in connection.execute(select(table)).all()]
 
 
-def test_of_two_compactions_from_one_record_the_second_changes_nothing(store: Store, place: LocationRecord) -> None:
+def test_of_two_compactions_from_one_record_the_second_changes_nothing(store: Store, location: LocationRecord) -> None:
     for n in range(3):
-        append(store, place, [(60.0 * n, 0, 1)])
-    old = now(store, place)
+        append(store, location, [(60.0 * n, 0, 1)])
+    old = now(store, location)
     mine, theirs = (pack_segment(Segment.empty(1, number)) for number in (0, 1))
     assert store.write(lambda work: put_in_place(work, old, 2, {(0, 0): mine}))
     before = everything(store)
     assert not store.write(lambda work: put_in_place(work, old, 3, {(0, 0): theirs, (0, 1): theirs}))
     assert everything(store) == before
-    assert now(store, place).compacted_seq == 2
+    assert now(store, location).compacted_seq == 2
 
 
 def damage(ctx: Context, chunk: int, segment: int) -> None:
@@ -91,5 +91,5 @@ def test_two_compactions_at_once_lose_and_double_nothing(ctx: Context) -> None:
                 if cell // CHUNK_CELLS == chunk:
                     assert state in states[cell % CHUNK_CELLS]
         compact_now(ctx, "lab")
-    place = find_location(ctx, "lab")
-    assert place.compacted_seq == place.observation_seq == 20
+    location = find_location(ctx, "lab")
+    assert location.compacted_seq == location.observation_seq == 20

@@ -21,17 +21,17 @@ from tidemap.storage.work import Work
 
 
 @pytest.fixture
-def place(store: Store) -> LocationRecord:
+def location(store: Store) -> LocationRecord:
     """A grid of two chunks without a model."""
     grid = '{"frame": "map", "origin": [0, 0, 0], "resolution_m": 1.0, "shape": [40, 40]}'
     return store.write(lambda work: work.locations.create({**VALUES, "kind": "grid2d", "grid": grid}))
 
 
-def record_of(place: LocationRecord, number: int, **changes: Any) -> RevisionRecord:
+def record_of(location: LocationRecord, number: int, **changes: Any) -> RevisionRecord:
     chosen = {"estimator": "static", "reason": "ünïcode"}
     return RevisionRecord(
         **{
-            "location_id": place.id,
+            "location_id": location.id,
             "revision": number,
             "recipe": Recipe("static", 0),
             "start": -7,
@@ -50,82 +50,82 @@ def means(value: float) -> Spectrum:
     return static(np.full(4, value, np.float32), 0.0)
 
 
-def put(store: Store, place: LocationRecord, number: int, chunks: range = range(2)) -> None:
+def put(store: Store, location: LocationRecord, number: int, chunks: range = range(2)) -> None:
     for chunk in chunks:
-        store.write(lambda work, chunk=chunk: work.spectra.put_chunk(place.id, number, chunk, means(chunk / 4)))
+        store.write(lambda work, chunk=chunk: work.spectra.put_chunk(location.id, number, chunk, means(chunk / 4)))
 
 
-def stored(store: Store, place: LocationRecord) -> tuple[int, dict[int, int]]:
+def stored(store: Store, location: LocationRecord) -> tuple[int, dict[int, int]]:
     """The visible revision, and how many chunks of each are stored."""
     with store.read() as work:
         query = select(spectrum.c.revision, func.count()).group_by(spectrum.c.revision)
         chunks = {row[0]: row[1] for row in work.spectra._connection.execute(query)}
-        return work.locations.get(place.name).revision, chunks
+        return work.locations.get(location.name).revision, chunks
 
 
-def test_a_revision_is_visible_once_it_is_published(store: Store, place: LocationRecord) -> None:
-    put(store, place, 1)
+def test_a_revision_is_visible_once_it_is_published(store: Store, location: LocationRecord) -> None:
+    put(store, location, 1)
     with store.read() as work:
         assert work.spectra.current() == {}
-        assert work.spectra.next_number(place.id) == 2
-    store.write(lambda work: work.spectra.publish(record_of(place, 1)))
+        assert work.spectra.next_number(location.id) == 2
+    store.write(lambda work: work.spectra.publish(record_of(location, 1)))
     with store.read() as work:
-        assert work.spectra.current() == {place.id: record_of(place, 1)}
-        assert work.spectra.get(place.id, 1) == record_of(place, 1)
-        assert work.spectra.get(place.id, 2) is None
-        assert work.spectra.chunk(place, 1, 1).mean.tolist() == [0.25] * 4
+        assert work.spectra.current() == {location.id: record_of(location, 1)}
+        assert work.spectra.get(location.id, 1) == record_of(location, 1)
+        assert work.spectra.get(location.id, 2) is None
+        assert work.spectra.chunk(location, 1, 1).mean.tolist() == [0.25] * 4
 
 
-def test_what_is_not_known_of_a_revision_stays_unknown(store: Store, place: LocationRecord) -> None:
-    record = record_of(place, 1, accuracy=None, selection=None)
+def test_what_is_not_known_of_a_revision_stays_unknown(store: Store, location: LocationRecord) -> None:
+    record = record_of(location, 1, accuracy=None, selection=None)
     store.write(lambda work: work.spectra.publish(record))
     with store.read() as work:
-        assert work.spectra.get(place.id, 1) == record
+        assert work.spectra.get(location.id, 1) == record
 
 
-def test_earlier_revisions_go(store: Store, place: LocationRecord) -> None:
+def test_earlier_revisions_go(store: Store, location: LocationRecord) -> None:
     for number in (1, 2):
-        put(store, place, number)
-        store.write(lambda work, number=number: work.spectra.publish(record_of(place, number)))
-    assert stored(store, place) == (2, {2: 2})
+        put(store, location, number)
+        store.write(lambda work, number=number: work.spectra.publish(record_of(location, number)))
+    assert stored(store, location) == (2, {2: 2})
     with store.read() as work:
-        assert work.spectra.get(place.id, 1) is None
+        assert work.spectra.get(location.id, 1) is None
 
 
-def test_two_updates_at_once_do_not_take_each_others_chunks(store: Store, place: LocationRecord) -> None:
-    put(store, place, 1)
-    put(store, place, 2, range(1))
-    store.write(lambda work: work.spectra.publish(record_of(place, 1)))
-    assert stored(store, place) == (1, {1: 2, 2: 1})
-    put(store, place, 2, range(1, 2))
-    store.write(lambda work: work.spectra.publish(record_of(place, 2)))
-    assert stored(store, place) == (2, {2: 2})
+def test_two_updates_at_once_do_not_take_each_others_chunks(store: Store, location: LocationRecord) -> None:
+    put(store, location, 1)
+    put(store, location, 2, range(1))
+    store.write(lambda work: work.spectra.publish(record_of(location, 1)))
+    assert stored(store, location) == (1, {1: 2, 2: 1})
+    put(store, location, 2, range(1, 2))
+    store.write(lambda work: work.spectra.publish(record_of(location, 2)))
+    assert stored(store, location) == (2, {2: 2})
 
 
-def test_a_slower_earlier_update_does_not_hide_a_later_one(store: Store, place: LocationRecord) -> None:
-    put(store, place, 1)
-    put(store, place, 2)
+def test_a_slower_earlier_update_does_not_hide_a_later_one(store: Store, location: LocationRecord) -> None:
+    put(store, location, 1)
+    put(store, location, 2)
     for number in (2, 1):
-        store.write(lambda work, number=number: work.spectra.publish(record_of(place, number)))
-    assert stored(store, place) == (2, {2: 2})
+        store.write(lambda work, number=number: work.spectra.publish(record_of(location, number)))
+    assert stored(store, location) == (2, {2: 2})
     with store.read() as work:
-        assert list(work.spectra.current().values()) == [record_of(place, 2)]
+        assert list(work.spectra.current().values()) == [record_of(location, 2)]
 
 
-def test_a_number_is_not_used_again_after_a_crash(store: Store, place: LocationRecord) -> None:
-    put(store, place, 1)
-    store.write(lambda work: work.spectra.publish(record_of(place, 1)))
-    put(store, place, 5, range(1))
+def test_a_number_is_not_used_again_after_a_crash(store: Store, location: LocationRecord) -> None:
+    put(store, location, 1)
+    store.write(lambda work: work.spectra.publish(record_of(location, 1)))
+    put(store, location, 5, range(1))
     with store.read() as work:
-        assert work.spectra.next_number(place.id) == 6
-    put(store, place, 6)
-    store.write(lambda work: work.spectra.publish(record_of(place, 6)))
-    assert stored(store, place) == (6, {6: 2})
+        assert work.spectra.next_number(location.id) == 6
+    put(store, location, 6)
+    store.write(lambda work: work.spectra.publish(record_of(location, 6)))
+    assert stored(store, location) == (6, {6: 2})
 
 
-def test_publishing_for_a_deleted_location_leaves_nothing(store: Store, place: LocationRecord) -> None:
-    store.write(lambda work: work.locations.delete(place.name))
-    store.write(lambda work: work.spectra.publish(record_of(place, 1)))
+def test_publishing_for_a_deleted_location_leaves_nothing(store: Store, location: LocationRecord) -> None:
+    store.write(lambda work: work.locations.delete(location.name))
+    store.write(lambda work: work.spectra.publish(record_of(location, 1)))
     with store.read() as work:
         assert work.spectra._connection.execute(select(revision)).all() == []
 
@@ -154,8 +154,8 @@ def test_a_damaged_spectrum_is_named_and_hurts_no_other(ctx: Context, payload: b
         predict_at(ctx, "lab", PredictQuery([0.0], [1030]))
     assert state_at(ctx, "lab", StateQuery(0.0)).cell.tolist() == [0, 2400]
     with ctx.store.read() as work:
-        place = work.locations.get("lab")
-        assert [work.spectra.chunk(place, 1, chunk).n_cells for chunk in (0, 2)] == [1024, 452]
+        location = work.locations.get("lab")
+        assert [work.spectra.chunk(location, 1, chunk).n_cells for chunk in (0, 2)] == [1024, 452]
     refit(ctx, "lab", estimator="fft", order=1)
     assert state_at(ctx, "lab", StateQuery(0.0)).cell.tolist() == [0, 1030, 2400]
 

@@ -241,8 +241,8 @@ def test_a_segment_that_names_what_it_lacks_is_named(ctx: Context, url: str) -> 
 
 def test_what_runs_beside_a_server_sees_no_half_of_a_write(ctx: Context, url: str) -> None:
     """An update that was broken off leaves chunks of a revision that nobody sees: that is in order."""
-    place = find_location(ctx, "lab")
-    ctx.store.write(lambda work: work.spectra.put_chunk(place.id, 5, 0, static(np.zeros(1024, np.float32), 0.0)))
+    location = find_location(ctx, "lab")
+    ctx.store.write(lambda work: work.spectra.put_chunk(location.id, 5, 0, static(np.zeros(1024, np.float32), 0.0)))
     assert findings(url) == []
 
 

@@ -238,11 +238,13 @@ def only_on(engine: Engine, dialect: str) -> None:
 def test_two_processes_in_each_others_way_both_get_through(database_url: str) -> None:
     """Groups that take the same rows in opposite order: PostgreSQL ends one of them after a second."""
     stores = Store(database_url), Store(database_url)
-    places = [stores[0].write(lambda work, n=n: work.locations.create({**VALUES, "name": f"d{n}"})) for n in range(2)]
+    locations = [
+        stores[0].write(lambda work, n=n: work.locations.create({**VALUES, "name": f"d{n}"})) for n in range(2)
+    ]
 
-    def append(place: LocationRecord, then: Event | None = None) -> Run:
+    def append(location: LocationRecord, then: Event | None = None) -> Run:
         def run(work: Work) -> int | None:
-            number = work.observations.append(place.id, [record_of([(0.0, 0, 1)])])
+            number = work.observations.append(location.id, [record_of([(0.0, 0, 1)])])
             if then is not None:
                 then.wait(0.3)
             return number
@@ -250,8 +252,8 @@ def test_two_processes_in_each_others_way_both_get_through(database_url: str) ->
         return run
 
     pause = Event()
-    futures = [store.submit(append(place, pause)) for store, place in zip(stores, places, strict=True)]
-    futures += [store.submit(append(place)) for store, place in zip(stores, reversed(places), strict=True)]
+    futures = [store.submit(append(location, pause)) for store, location in zip(stores, locations, strict=True)]
+    futures += [store.submit(append(location)) for store, location in zip(stores, reversed(locations), strict=True)]
     assert sorted(future.result(WAIT_S) for future in futures) == [1, 1, 2, 2]
     for store in stores:
         store.close()

@@ -10,7 +10,7 @@ from websockets.sync.client import connect as listen
 from tests.support.fleet import RESTLESS, dice, fleet_at_work
 from tests.support.forked import Forked
 from tests.support.server import StartServer, clean_environment
-from tests.support.sightings import PLACES, make_places
+from tests.support.sightings import LOCATIONS, make_locations
 from tests.support.stored import check_stored
 from tests.support.waiting import WAIT_S
 from tidemap.client import Client
@@ -24,7 +24,7 @@ STARTING_S = 0.5
 @pytest.mark.slow
 def test_a_server_killed_twenty_times_has_lost_nothing(server: StartServer, database_url: str, tmp_path: Path) -> None:
     running = server(database_url=database_url, env=RESTLESS, launch=Forked)
-    make_places(running.url)
+    make_locations(running.url)
     chance = dice()
     with fleet_at_work(tmp_path, running.url) as fleet:
         for _ in range(KILLS):
@@ -38,7 +38,7 @@ def test_a_server_killed_twenty_times_has_lost_nothing(server: StartServer, data
     fleet.check(running.url, database_url)
     # What was stored while dying can be refitted and compacted like everything else.
     with Client(running.url) as tidemap:
-        for name in PLACES:
+        for name in LOCATIONS:
             assert tidemap.location(name).update(wait=True).state == "done"
     fleet.check(running.url, database_url)
     assert running.stop() == 0
@@ -55,14 +55,14 @@ def test_a_server_killed_while_it_makes_its_database(
         starting.kill()
         starting.wait()
     running = server(database_url=empty_database_url, launch=Forked)
-    make_places(running.url)
+    make_locations(running.url)
     check_stored(running.url, empty_database_url, [])
     assert "Traceback" not in (tmp_path / "log").read_text()
 
 
 def test_a_server_told_to_stop_finishes_what_it_took(server: StartServer, tmp_path: Path) -> None:
     running = server(env=RESTLESS, launch=Forked)
-    make_places(running.url)
+    make_locations(running.url)
     with fleet_at_work(tmp_path, running.url) as fleet:
         fleet.wait_for_answers(20)
         assert running.stop() == 0

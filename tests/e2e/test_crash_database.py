@@ -12,7 +12,7 @@ from tests.support.fleet import RESTLESS, dice, fleet_at_work
 from tests.support.forked import Forked
 from tests.support.postgres import Postgres, running_postgres
 from tests.support.server import StartServer
-from tests.support.sightings import make_places
+from tests.support.sightings import make_locations
 from tests.support.site import Site
 from tests.support.waiting import until
 
@@ -33,7 +33,7 @@ def test_a_database_that_dies_and_comes_back(server: StartServer, mortal: Postgr
         PostgresDatabases(mortal).migrated() as url,
         Site(server(database_url=url, env=RESTLESS, launch=Forked)) as site,
     ):
-        make_places(site.server.url)
+        make_locations(site.server.url)
         with fleet_at_work(tmp_path, site.server.url) as fleet:
             for how in chance.sample(ENDS, len(ENDS)):
                 fleet.wait_for_answers(5)

@@ -13,7 +13,7 @@ from tests.support.fleet import EAGER, RESTLESS, dice
 from tests.support.forked import Forked
 from tests.support.paths import ROOT
 from tests.support.server import ServerProcess, StartServer, clean_environment
-from tests.support.sightings import Sighting, make_places
+from tests.support.sightings import Sighting, make_locations
 from tests.support.stored import check_stored
 from tests.support.waiting import WAIT_S, until
 from tidemap.client import Client
@@ -66,7 +66,7 @@ def lead(running: ServerProcess, folder: Path, robot: int, seed: int) -> list[Si
 @pytest.mark.slow
 def test_robots_killed_twenty_times_lose_nothing_they_kept(server: StartServer, tmp_path: Path) -> None:
     running = server(env=RESTLESS, launch=Forked)
-    make_places(running.url)
+    make_locations(running.url)
     chance = dice()
     with ThreadPoolExecutor(len(OUTBOXES)) as pool:
         lives = [pool.submit(lead, running, tmp_path, robot, chance.getrandbits(32)) for robot in OUTBOXES]

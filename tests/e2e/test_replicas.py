@@ -20,7 +20,7 @@ from tests.support.forked import Forked
 from tests.support.here import command
 from tests.support.postgres import Postgres
 from tests.support.server import ServerProcess, StartServer
-from tests.support.sightings import make_places
+from tests.support.sightings import make_locations
 from tests.support.site import Site, heard, listen_for
 from tests.support.waiting import WAIT_S, until
 
@@ -80,8 +80,8 @@ def check_published(site: Site, number: int, url: str) -> None:
     """A job is done, and what it published is what everybody sees; nothing is lost or doubled."""
     done = job(site, number)
     assert (done["state"], done["progress"]) == ("done", 1.0)
-    place = site.http.get("/locations/lab").json()
-    assert (place["observations"], place["revision"]) == (CELLS * LOOKS, done["result"]["revision"])
+    location = site.http.get("/locations/lab").json()
+    assert (location["observations"], location["revision"]) == (CELLS * LOOKS, done["result"]["revision"])
     verified = command("verify", "--database-url", url)
     assert verified.returncode == 0, verified.stdout
 
@@ -175,7 +175,7 @@ def test_one_whose_session_is_ended_gives_up_or_begins_anew(replica: Sites, post
 @pytest.mark.slow
 def test_whoever_is_killed_nothing_is_lost_or_doubled(server: StartServer, database_url: str, tmp_path: Path) -> None:
     servers = [server(database_url=database_url, env=RESTLESS, launch=Forked) for _ in range(2)]
-    make_places(servers[0].url)
+    make_locations(servers[0].url)
     chance = dice()
     with fleet_at_work(tmp_path, *(each.url for each in servers)) as fleet:
         for _ in range(KILLS):

@@ -158,8 +158,8 @@ def test_an_update_is_left_and_runs_again_at_the_next_start(
             assert job["state"] in ("queued", "running"), job
             assert time.monotonic() < deadline, job
             time.sleep(0.05)
-        place = http.get("/locations/lab").json()
-    assert (place["observations"], place["revision"]) == (CELLS * LOOKS, job["result"]["revision"])
+        location = http.get("/locations/lab").json()
+    assert (location["observations"], location["revision"]) == (CELLS * LOOKS, job["result"]["revision"])
     assert busy.stop() == 0
     findings: list[object] = []
     verify(f"sqlite:///{path}", findings.append)

@@ -26,8 +26,8 @@ def marked(draw: st.DrawFn) -> tuple[Grid, list[Mark]]:
     """A grid and distinct marks on it, few samples apart."""
     grid = draw(GRIDS)
     first = draw(st.sampled_from([-(10**12), -3, 0, 10**12]))
-    places = st.tuples(st.integers(first, first + 3), st.integers(0, grid.n_cells - 1))
-    seen = draw(st.dictionaries(places, st.integers(0, 1), min_size=1, max_size=40))
+    locations = st.tuples(st.integers(first, first + 3), st.integers(0, grid.n_cells - 1))
+    seen = draw(st.dictionaries(locations, st.integers(0, 1), min_size=1, max_size=40))
     marks = [(sample, cell, state) for (sample, cell), state in seen.items()]
     return grid, draw(st.permutations(marks))
 

@@ -17,7 +17,7 @@ SAMPLES = range(4000, 4200)
 POSTS = 1 << 12
 """More than any robot makes."""
 SHAPE = (17, 16, 16)
-PLACES = {"door": (0,), "lab": (0, 1023, 1024, 3000, 4351)}
+LOCATIONS = {"door": (0,), "lab": (0, 1023, 1024, 3000, 4351)}
 """The cells that are looked at. Those of the lab lie in four of its five chunks."""
 _STEP_S = BASE.interval_s / (1 << 18)
 
@@ -30,9 +30,9 @@ class Sighting:
     number: int
 
     @property
-    def place(self) -> str:
+    def location(self) -> str:
         """The location."""
-        return list(PLACES)[self.number % 2]
+        return list(LOCATIONS)[self.number % 2]
 
     @property
     def source(self) -> str:
@@ -43,7 +43,7 @@ class Sighting:
     def rows(self) -> list[Row]:
         """Some cells in some samples."""
         chance = random.Random(self.robot * POSTS + self.number)
-        pairs = [(sample, cell) for sample in chance.sample(SAMPLES, 3) for cell in PLACES[self.place]]
+        pairs = [(sample, cell) for sample in chance.sample(SAMPLES, 3) for cell in LOCATIONS[self.location]]
         offset_s = _STEP_S * (self.number * (1 << 6) + self.robot)
         return [(float(BASE.time(sample)) + offset_s, cell, chance.randrange(2)) for sample, cell in pairs]
 
@@ -56,11 +56,11 @@ class Sighting:
     def post(self, client: Client, key: str | None = None) -> None:
         """Observe it."""
         time, cell, state = zip(*self.rows, strict=True)
-        cells = None if self.place == "door" else cell
-        client.location(self.place).observe(time, state, cells, source=self.source, idempotency_key=key)
+        cells = None if self.location == "door" else cell
+        client.location(self.location).observe(time, state, cells, source=self.source, idempotency_key=key)
 
 
-def make_places(url: str) -> None:
+def make_locations(url: str) -> None:
     """Make the locations on the server at `url`."""
     how = {"interval_s": BASE.interval_s, "epoch": BASE.epoch, "estimator": "fft", "order": 2}
     with Client(url) as tidemap:

@@ -7,7 +7,7 @@ import numpy as np
 from sqlalchemy import select
 
 from tests.support.here import command
-from tests.support.sightings import BASE, PLACES, SAMPLES, Sighting
+from tests.support.sightings import BASE, LOCATIONS, SAMPLES, Sighting
 from tests.support.truth import Truth, put, states_of
 from tidemap.client import Client
 from tidemap.storage.engine import open_reader
@@ -17,7 +17,7 @@ from tidemap.storage.tables import location, observation
 def count_stored(url: str) -> int:
     """How many measurements the server at `url` says that it has."""
     with Client(url) as tidemap:
-        return sum(tidemap.location(name).get().observations for name in PLACES)
+        return sum(tidemap.location(name).get().observations for name in LOCATIONS)
 
 
 def check_stored(url: str, database_url: str, sure: Collection[Sighting], unsure: int = 0) -> None:
@@ -36,8 +36,8 @@ def check_stored(url: str, database_url: str, sure: Collection[Sighting], unsure
     assert len(others) <= unsure, f"nobody relies on: {sorted(others)}"
     assert count_stored(url) == sum(len(sighting.rows) for sighting in log), "counted otherwise than stored"
     with Client(url) as tidemap:
-        for name in PLACES:
-            _check_history(tidemap, name, [sighting for sighting in log if sighting.place == name])
+        for name in LOCATIONS:
+            _check_history(tidemap, name, [sighting for sighting in log if sighting.location == name])
 
 
 def _log(database_url: str) -> Counter[Sighting]:
@@ -51,7 +51,7 @@ def _log(database_url: str) -> Counter[Sighting]:
     for name, first, last, source, measurements in rows:
         sighting = Sighting.at(first)
         times = [time for time, _, _ in sighting.rows]
-        assert (name, first, last) == (sighting.place, min(times), max(times))
+        assert (name, first, last) == (sighting.location, min(times), max(times))
         assert (source, measurements) == (sighting.source, len(sighting.rows))
     return Counter(Sighting.at(row.first_time) for row in rows)
 
@@ -61,7 +61,7 @@ def _check_history(tidemap: Client, name: str, sightings: Collection[Sighting]) 
     for sighting in sightings:
         put(truth, sighting.rows, BASE)
     start, stop = SAMPLES.start, SAMPLES.stop
-    for cell in PLACES[name]:
+    for cell in LOCATIONS[name]:
         series = tidemap.location(name).series(cell, float(BASE.time(start)), float(BASE.time(stop)))
         observed = np.where(series.observed < 0, 2, series.observed)
         np.testing.assert_array_equal(observed, states_of(truth, range(cell, cell + 1), start, stop)[0])

@@ -135,7 +135,7 @@ class Viewer:
         part = pixels[:, :middle] if half == "left" else pixels[:, middle:]
         return int((np.abs(part - np.array(color)).max(axis=2) <= tolerance).sum())
 
-    def place_of(self, index: tuple[int, int, int]) -> tuple[int, int]:
+    def pixel_of(self, index: tuple[int, int, int]) -> tuple[int, int]:
         """Where the centre of a predicted cell is in the scene, x and y in pixels."""
         matrices = self.page.evaluate(
             "() => { const c = document.getElementById('scene').contentWindow.__viserMutable.camera;"

@@ -103,12 +103,12 @@ def _validation(request: Request, error: Exception) -> Response:
         return _domain(request, errors.UnreadableBodyError(f"The body is no JSON: {reason}."))
     messages: dict[str, list[str]] = {}
     for each in details:
-        messages.setdefault(_place(each), []).append(_message(each))
-    fields = [errors.FieldError(place, " or ".join(said)) for place, said in messages.items()]
+        messages.setdefault(_location(each), []).append(_message(each))
+    fields = [errors.FieldError(location, " or ".join(said)) for location, said in messages.items()]
     return _domain(request, errors.InvalidInputError(*fields))
 
 
-def _place(detail: Mapping[str, Any]) -> str:
+def _location(detail: Mapping[str, Any]) -> str:
     """The field as the sender knows it: without the names that pydantic gives to alternatives of a type."""
     origin, *parts = (str(part) for part in detail["loc"])
     if detail["type"] != "extra_forbidden":

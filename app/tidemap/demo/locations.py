@@ -10,7 +10,7 @@ from tidemap.demo.robot import INTERVAL_S
 from tidemap.schemas.locations import Grid, Location
 
 BUILDING = "building"
-PLACES = ("main-door", "office-door", "office-occupied", "lab-occupied", "meeting-room")
+LOCATIONS = ("main-door", "office-door", "office-occupied", "lab-occupied", "meeting-room")
 CONFLICT = 409
 MIN_CELLS = 4
 NO_EVENTS = math.prod(SHAPE)
@@ -25,7 +25,7 @@ FORMS: dict[str, dict[str, Any]] = {
         "confidence": 0.97,
         "min_cells": NO_EVENTS,
     }
-} | {name: _ALL | {"kind": "state", "confidence": 0.95} for name in PLACES}
+} | {name: _ALL | {"kind": "state", "confidence": 0.95} for name in LOCATIONS}
 _FIXED = ("kind", "interval_s", "epoch", "grid")
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.client import Client
-from tidemap.demo.locations import BUILDING, PLACES
+from tidemap.demo.locations import BUILDING, LOCATIONS
 from tidemap.demo.robot import Look
 from tidemap.schemas.anomalies import Event
 from tidemap.schemas.locations import Location
@@ -37,9 +37,9 @@ class Posting:
         return min(self.last.values())
 
     def post(self, looks: Sequence[Look]) -> None:
-        """Post looks at the building and at the places in it. Raises TidemapError."""
+        """Post looks at the building and at the locations in it. Raises TidemapError."""
         self.post_building(looks)
-        self.post_places([look.time for look in looks], [look.places for look in looks])
+        self.post_locations([look.time for look in looks], [look.locations for look in looks])
 
     def post_building(self, looks: Sequence[Look]) -> None:
         """Post what was seen of the building, as columns in one batch or a few."""
@@ -49,13 +49,13 @@ class Posting:
             state = np.concatenate([look.state for look in new])
             self._observe(BUILDING, time, state, np.concatenate([look.cell for look in new]))
 
-    def post_places(self, time: Sequence[float], seen: Sequence[Mapping[str, bool]]) -> None:
-        """Post the states of the places, seen at times (n,)."""
-        for place in PLACES:
-            new = np.asarray(time) > self.last[place]
+    def post_locations(self, time: Sequence[float], seen: Sequence[Mapping[str, bool]]) -> None:
+        """Post the states of the locations, seen at times (n,)."""
+        for location in LOCATIONS:
+            new = np.asarray(time) > self.last[location]
             if new.any():
-                state = np.array([each[place] for each in seen])
-                self._observe(place, np.asarray(time)[new], state[new], None)
+                state = np.array([each[location] for each in seen])
+                self._observe(location, np.asarray(time)[new], state[new], None)
 
     def _observe(
         self, name: str, time: NDArray[np.float64], state: NDArray[Any], cell: NDArray[np.uint32] | None

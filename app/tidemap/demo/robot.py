@@ -24,12 +24,12 @@ _VISIT, _SHADOW_X, _SHADOW_Y, _NOISE, _FLICKERS, _FREE = range(100, 106)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Look:
-    """What was seen at `time` (Unix seconds): cell (n,) uint32 in C order, state (n,) uint8; named places."""
+    """What was seen at `time` (Unix seconds): cell (n,) uint32 in C order, state (n,) uint8; named locations."""
 
     time: float
     cell: NDArray[np.uint32]
     state: NDArray[np.uint8]
-    places: dict[str, bool]
+    locations: dict[str, bool]
 
 
 class Robot:

@@ -68,15 +68,15 @@ def rounds(after: float, until: float) -> NDArray[np.float64]:
 
 
 def _post_history(posting: Posting, robot: Robot, times: NDArray[np.float64], progress: Progress) -> None:
-    """The places come last and at once, so that no model of a part of their history judges the rest."""
+    """The locations come last and at once, so that no model of a part of their history judges the rest."""
     seen: list[tuple[float, dict[str, bool]]] = []
     with progress.task("History", len(times)) as step:
         for some in chunks(times.tolist(), ROUNDS_AT_ONCE):
             looks = robot.looks(some)
             posting.post_building(looks)
-            seen += [(look.time, look.places) for look in looks]
+            seen += [(look.time, look.locations) for look in looks]
             step(len(some))
-        posting.post_places(*zip(*seen, strict=True))
+        posting.post_locations(*zip(*seen, strict=True))
 
 
 def _post_recent(posting: Posting, robot: Robot, times: NDArray[np.float64], progress: Progress) -> None:

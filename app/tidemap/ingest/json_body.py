@@ -32,14 +32,14 @@ def _load(content: Content) -> Any:
 
 
 def _refuse_nonfinite(content: Content) -> None:
-    """NaN and Infinity are no JSON, but many writers send them: name the place."""
+    """NaN and Infinity are no JSON, but many writers send them: name the path."""
     try:
         document = json.loads(content, parse_constant=_NonFinite)
     except (ValueError, RecursionError):
         return
-    place = _find_nonfinite(document, "body")
-    if place is not None:
-        printable = place.removeprefix("body.").encode(errors="replace").decode()
+    path = _find_nonfinite(document, "body")
+    if path is not None:
+        printable = path.removeprefix("body.").encode(errors="replace").decode()
         raise InvalidInputError.at(printable, "NaN and infinity are no values here; send a number")
 
 
@@ -47,19 +47,19 @@ class _NonFinite(str):
     """Stands for NaN or an infinity."""
 
 
-def _find_nonfinite(value: object, place: str) -> str | None:
+def _find_nonfinite(value: object, path: str) -> str | None:
     if isinstance(value, _NonFinite):
-        return place
+        return path
     inside = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     for key, item in inside:
-        found = _find_nonfinite(item, f"{place}[{key}]" if isinstance(value, list) else f"{place}.{key}")
+        found = _find_nonfinite(item, f"{path}[{key}]" if isinstance(value, list) else f"{path}.{key}")
         if found is not None:
             return found
     return None
 
 
-def _check_fields(value: dict[str, Any], place: str, required: set[str], allowed: set[str]) -> None:
-    prefix = f"{place}." if place else ""
+def _check_fields(value: dict[str, Any], path: str, required: set[str], allowed: set[str]) -> None:
+    prefix = f"{path}." if path else ""
     errors = [
         FieldError(f"{prefix}{name}", f"this field is not known; known are {', '.join(sorted(allowed))}")
         for name in value
@@ -98,13 +98,13 @@ def _grid(document: dict[str, Any], grid: Grid) -> Columns:
     parts: list[NDArray[np.int64]] = []
     origins: list[tuple[int, str]] = []
     for i, item in enumerate(_list(document["observations"], "observations")):
-        place = f"observations[{i}]"
+        path = f"observations[{i}]"
         if not isinstance(item, dict):
-            raise InvalidInputError.at(place, "send an object with time, occupied and free")
-        _check_fields(item, place, {"time"}, {"time", "occupied", "free"})
-        times.append(time_of(item["time"], f"{place}.time"))
+            raise InvalidInputError.at(path, "send an object with time, occupied and free")
+        _check_fields(item, path, {"time"}, {"time", "occupied", "free"})
+        times.append(time_of(item["time"], f"{path}.time"))
         for name in ("occupied", "free"):
-            field = f"{place}.{name}"
+            field = f"{path}.{name}"
             cells = cells_of(_list(item.get(name, []), field), field, grid)
             if len(cells):
                 parts.append(cells)

@@ -37,10 +37,10 @@ def read_grid(content: Content, grid: Grid, time: float) -> Columns:
     states = _load_grid(content, grid)
     cell = np.flatnonzero(states != UNSEEN).astype(np.uint32)
 
-    def place(row: int) -> str:
+    def cell_field(row: int) -> str:
         return f"body[{cell[row]}]"
 
-    return Columns(np.full(len(cell), time), cell, states[cell], lambda _: "time", place, place, "body")
+    return Columns(np.full(len(cell), time), cell, states[cell], lambda _: "time", cell_field, cell_field, "body")
 
 
 def _load_grid(content: Content, grid: Grid) -> NDArray[np.uint8]:

@@ -27,9 +27,9 @@ def list_events(ctx: Context, query: EventQuery) -> list[Event]:
     """Stored events, oldest first. Raises LocationNotFoundError, InvalidInputError."""
     refuse_reversed(query.start, query.stop)
     with ctx.store.read() as work:
-        place = work.locations.get(query.location) if query.location is not None else None
+        location = work.locations.get(query.location) if query.location is not None else None
         wanted = EventFilter(
-            place.id if place else None,
+            location.id if location else None,
             query.after,
             query.limit,
             query.start,
@@ -38,16 +38,16 @@ def list_events(ctx: Context, query: EventQuery) -> list[Event]:
             query.acknowledged,
         )
         records = work.anomalies.list(wanted)
-        places = {each.id: each for each in ([place] if place else work.locations.list())}
-    return [_known(ctx, places[record.location_id], record) for record in records]
+        locations = {each.id: each for each in ([location] if location else work.locations.list())}
+    return [_known(ctx, locations[record.location_id], record) for record in records]
 
 
 def get_event(ctx: Context, anomaly_id: int) -> Event:
     """A stored event. Raises AnomalyNotFoundError."""
     with ctx.store.read() as work:
         record = work.anomalies.get(anomaly_id)
-        place = work.locations.by_id(record.location_id)
-    return _known(ctx, place, record)
+        location = work.locations.by_id(record.location_id)
+    return _known(ctx, location, record)
 
 
 def acknowledge(ctx: Context, anomaly_id: int, by: str, note: str | None) -> Event:
@@ -60,21 +60,21 @@ def acknowledge(ctx: Context, anomaly_id: int, by: str, note: str | None) -> Eve
     return _known(ctx, *ctx.store.write(run))
 
 
-def _known(ctx: Context, place: LocationRecord, record: AnomalyRecord) -> Event:
+def _known(ctx: Context, location: LocationRecord, record: AnomalyRecord) -> Event:
     """A stored event as the API shows it; one whose cells cannot be read is shown without them."""
     if record.damage is not None:
-        ctx.damage.found(place.id, record.damage)
-    return wire(place, record)
+        ctx.damage.found(location.id, record.damage)
+    return wire(location, record)
 
 
-def wire(place: LocationRecord, record: AnomalyRecord) -> Event:
+def wire(location: LocationRecord, record: AnomalyRecord) -> Event:
     """An event as the API shows it."""
-    box = place.grid.bounding_box(record.cells) if place.grid and len(record.cells) else None
+    box = location.grid.bounding_box(record.cells) if location.grid and len(record.cells) else None
     shared = ("start", "stop", "observed", "probability", "surprise", "confidence", "rule", "revision")
     people = ("acknowledged_by", "acknowledged_at", "note")
     return Event(
         id=record.id or None,
-        location=place.name,
+        location=location.name,
         cells=record.cells.tolist(),
         cells_total=len(record.cells),
         bbox=None if box is None else list(box),

@@ -23,29 +23,29 @@ Part = tuple[Measurements, int, int]
 """Rows [first, stop) of measurements: as measurements of their own they would take half as much memory again."""
 
 
-def compact(ctx: Context, place: LocationRecord, check: Callable[[], None] = lambda: None) -> None:
+def compact(ctx: Context, location: LocationRecord, check: Callable[[], None] = lambda: None) -> None:
     """Move the log's tail into segments, round by round, until nothing is left of what was there at the start.
 
     `check` is called all the time; what it raises ends this, and leaves the log as the last round did.
     """
     with ctx.store.read() as work:
-        target = work.locations.by_id(place.id).observation_seq
-    while _compact_some(ctx, place.id, target, check):
+        target = work.locations.by_id(location.id).observation_seq
+    while _compact_some(ctx, location.id, target, check):
         pass
     ctx.store.write(lambda work: work.observations.give_back())
 
 
-def forget(ctx: Context, place: LocationRecord) -> None:
+def forget(ctx: Context, location: LocationRecord) -> None:
     """Drop compacted history that is older than the location's `retention`."""
     with ctx.store.read() as work:
-        place = work.locations.by_id(place.id)
-    if place.retention_s is None or place.last_time is None:
+        location = work.locations.by_id(location.id)
+    if location.retention_s is None or location.last_time is None:
         return
-    before = int(place.base.sample(place.last_time - place.retention_s))
-    if before > span(place)[0]:
+    before = int(location.base.sample(location.last_time - location.retention_s))
+    if before > span(location)[0]:
         with ctx.compacting:
-            ctx.store.write(lambda work: work.segments.forget(place, before))
-        ctx.histories.drop(lambda key: isinstance(key, tuple) and key[0] == place.id)
+            ctx.store.write(lambda work: work.segments.forget(location, before))
+        ctx.histories.drop(lambda key: isinstance(key, tuple) and key[0] == location.id)
 
 
 def _compact_some(ctx: Context, location_id: int, target: int, check: Callable[[], None]) -> bool:
@@ -54,35 +54,39 @@ def _compact_some(ctx: Context, location_id: int, target: int, check: Callable[[
     with ctx.compacting:
         check()
         with ctx.store.read() as work:
-            place = work.locations.by_id(location_id)
-            if place.compacted_seq >= target:
+            location = work.locations.by_id(location_id)
+            if location.compacted_seq >= target:
                 return False
-            rows = work.observations.packed(place, ROUND_MEASUREMENTS)
+            rows = work.observations.packed(location, ROUND_MEASUREMENTS)
         through = rows[-1].number
-        parts, damaged = _unpack(ctx, place, rows)
+        parts, damaged = _unpack(ctx, location, rows)
         del rows
         merged: dict[SegmentKey, bytes] = {}
-        for key, payload in _merge_all(ctx, place, _split(parts)):
+        for key, payload in _merge_all(ctx, location, _split(parts)):
             merged[key] = payload
             check()
-        ctx.store.write(lambda work: put_in_place(work, place, through, merged, damaged))
+        ctx.store.write(lambda work: put_in_place(work, location, through, merged, damaged))
     return True
 
 
 def put_in_place(
-    work: Work, place: LocationRecord, through: int, segments: Mapping[SegmentKey, bytes], damaged: Collection[int] = ()
+    work: Work,
+    location: LocationRecord,
+    through: int,
+    segments: Mapping[SegmentKey, bytes],
+    damaged: Collection[int] = (),
 ) -> bool:
     """Put merged segments, packed, in place of the log up to number `through`; damaged observations stay in it.
 
-    False, and nothing done, when somebody else has compacted since `place` was read.
+    False, and nothing done, when somebody else has compacted since `location` was read.
     """
-    if not work.observations.settle(place, through, damaged):
+    if not work.observations.settle(location, through, damaged):
         return False
-    work.segments.put(place, segments)
+    work.segments.put(location, segments)
     return True
 
 
-def _unpack(ctx: Context, place: LocationRecord, rows: list[Packed]) -> tuple[list[Measurements], set[int]]:
+def _unpack(ctx: Context, location: LocationRecord, rows: list[Packed]) -> tuple[list[Measurements], set[int]]:
     """What can be read of a part of the log, and the numbers of what cannot, which is told of."""
     parts, damaged = [], set()
     # In two large arrays: hundreds of small ones would leave holes in the heap when they go.
@@ -93,7 +97,7 @@ def _unpack(ctx: Context, place: LocationRecord, rows: list[Packed]) -> tuple[li
         try:
             part = row.unpack()
         except CorruptChunkError as error:
-            ctx.damage.found(place.id, error)
+            ctx.damage.found(location.id, error)
             damaged.add(row.number)
             continue
         start, stop = stop, stop + len(part)
@@ -114,24 +118,24 @@ def _split(parts: list[Measurements]) -> dict[int, list[Part]]:
 
 
 def _merge_all(
-    ctx: Context, place: LocationRecord, measured: dict[int, list[Part]]
+    ctx: Context, location: LocationRecord, measured: dict[int, list[Part]]
 ) -> Iterator[tuple[SegmentKey, bytes]]:
     """The segments that what was measured in each chunk changes, packed; one at a time is held unpacked."""
     for chunk, parts in sorted(measured.items()):
         whole = Measurements.concatenate([part.select(slice(first, stop)) for part, first, stop in parts])
-        for number, new in by_segment(place, of_chunk(whole, chunk)):
+        for number, new in by_segment(location, of_chunk(whole, chunk)):
             with ctx.store.read() as work:
-                key, before = _before(ctx, work, place, (chunk, number))
-            segment = before or Segment.empty(place.chunk_size(chunk), number)
-            yield key, pack_segment(merge(segment, new, place.base))
+                key, before = _before(ctx, work, location, (chunk, number))
+            segment = before or Segment.empty(location.chunk_size(chunk), number)
+            yield key, pack_segment(merge(segment, new, location.base))
 
 
-def _before(ctx: Context, work: Work, place: LocationRecord, key: SegmentKey) -> tuple[SegmentKey, Segment | None]:
+def _before(ctx: Context, work: Work, location: LocationRecord, key: SegmentKey) -> tuple[SegmentKey, Segment | None]:
     """What is stored of a segment, and where; of a damaged one what was put aside for it."""
     chunk, number = key
     try:
-        return key, dict(work.segments.of_chunk(place, chunk, number, number)).get(number)
+        return key, dict(work.segments.of_chunk(location, chunk, number, number)).get(number)
     except CorruptChunkError as error:
         # Its bytes stay as they are, for whoever can mend them; what is new is kept beside them.
-        ctx.damage.found(place.id, error)
-        return (-1 - chunk, number), work.segments.put_aside(place, chunk, number)
+        ctx.damage.found(location.id, error)
+        return (-1 - chunk, number), work.segments.put_aside(location, chunk, number)

@@ -51,7 +51,7 @@ class Context:
     tails: ByteCache[Tail]
     buffers: BufferPool[StateBuffer]
     damage: Damage
-    places: LocationCache
+    locations: LocationCache
     compacting: Lock
     reading_on: Lock
     parsing: ThreadPoolExecutor
@@ -77,7 +77,7 @@ def open_context(settings: Settings, clock: Callable[[], float] = time.time) -> 
             tails=ByteCache(settings.history_cache_bytes // 2, tail_bytes),
             buffers=BufferPool(settings.answer_cache_bytes),
             damage=Damage(),
-            places=LocationCache(),
+            locations=LocationCache(),
             compacting=Lock(),
             reading_on=Lock(),
             parsing=parsing,

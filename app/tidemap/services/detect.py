@@ -45,14 +45,14 @@ def detect(
     """
     refuse_reversed(query.start, query.stop)
     model = fitted(ctx, name, query.estimator, query.order)
-    place = model.place
-    confidence = place.confidence if query.confidence is None else query.confidence
+    location = model.location
+    confidence = location.confidence if query.confidence is None else query.confidence
     criterion = Criterion(confidence, query.rule, model.revision.revision)
-    first, last = window(ctx, place)
-    start, stop = max(first, int(place.base.sample(query.start))), min(last, _ceiling(place, query.stop))
+    first, last = window(ctx, location)
+    start, stop = max(first, int(location.base.sample(query.start))), min(last, _ceiling(location, query.stop))
     parts: list[Marks] = []
     found = 0
-    for chunk in range(place.n_chunks):
+    for chunk in range(location.n_chunks):
         try:
             for part in _search(ctx, model, chunk, start, stop, criterion):
                 check()
@@ -61,28 +61,28 @@ def detect(
                 if found > MAX_MARKS:
                     raise InvalidInputError.at("stop", "more than two million anomalous cells; search a shorter time")
         except CorruptChunkError:
-            if place.n_chunks == 1:
+            if location.n_chunks == 1:
                 raise
     marks = _joined(parts)
-    return [wire(place, event) for event in group(place, marks, criterion)], model.revision.revision
+    return [wire(location, event) for event in group(location, marks, criterion)], model.revision.revision
 
 
-def _ceiling(place: LocationRecord, time: float) -> int:
+def _ceiling(location: LocationRecord, time: float) -> int:
     """The first sample that starts at or after a time."""
-    sample = int(place.base.sample(time))
-    return sample if float(place.base.time(sample)) == time else sample + 1
+    sample = int(location.base.sample(time))
+    return sample if float(location.base.time(sample)) == time else sample + 1
 
 
 def _search(ctx: Context, model: Fitted, chunk: int, start: int, stop: int, criterion: Criterion) -> Iterator[Marks]:
     """The marks of a chunk, block by block of time."""
-    place = model.place
-    size = place.chunk_size(chunk)
+    location = model.location
+    size = location.chunk_size(chunk)
     step = max(1, BLOCK_VALUES // size)
     for low in range(start, stop, step):
         high = min(low + step, stop)
-        states = read_history(ctx, place, chunk, low, high).states()
+        states = read_history(ctx, location, chunk, low, high).states()
         cells = chunk * CHUNK_CELLS + np.arange(size)
-        probability = predict_times(model.spectrum, place.base.time(np.arange(low, high)), cells)
+        probability = predict_times(model.spectrum, location.base.time(np.arange(low, high)), cells)
         marked = (states != UNOBSERVED) & is_anomalous(probability, states, criterion.confidence, criterion.rule)
         row, column = np.nonzero(marked)
         yield Marks(low + column, cells[row], states[row, column], probability[row, column])

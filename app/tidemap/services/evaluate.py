@@ -49,12 +49,12 @@ def evaluate(ctx: Context, name: str, form: EvaluateForm, check: Callable[[], No
     Raises LocationNotFoundError, NoModelError, InvalidInputError, CorruptChunkError where there is one chunk only.
     """
     refuse_reversed(form.start, form.stop)
-    place, revision = current_revision(ctx, name)
-    train = _training(ctx, place, revision, form)
+    location, revision = current_revision(ctx, name)
+    train = _training(ctx, location, revision, form)
     candidates = _candidates(form)
     tallies = {candidate: Tally(form.confidence) for candidate in candidates}
     observed = 0
-    for trial in _trials(ctx, place, train, form, candidates, check):
+    for trial in _trials(ctx, location, train, form, candidates, check):
         observed += int((trial.states != UNOBSERVED).sum())
         for candidate, spectrum in trial.spectra.items():
             _score(tallies[candidate], spectrum, trial, check)
@@ -81,10 +81,10 @@ def _candidates(form: EvaluateForm) -> list[Candidate]:
     return [(name, order) for name in names for order in ((0,) if name == "static" else orders)]
 
 
-def _training(ctx: Context, place: LocationRecord, revision: RevisionRecord, form: EvaluateForm) -> RevisionRecord:
-    first, last = window(ctx, place)
-    start = revision.start if form.train_start is None else max(first, int(place.base.sample(form.train_start)))
-    stop = revision.stop if form.train_stop is None else min(last, int(place.base.sample(form.train_stop)))
+def _training(ctx: Context, location: LocationRecord, revision: RevisionRecord, form: EvaluateForm) -> RevisionRecord:
+    first, last = window(ctx, location)
+    start = revision.start if form.train_start is None else max(first, int(location.base.sample(form.train_start)))
+    stop = revision.stop if form.train_stop is None else min(last, int(location.base.sample(form.train_stop)))
     if stop <= start:
         raise InvalidInputError.at("train_stop", "the training window is empty; widen it")
     return replace(revision, start=start, stop=stop)
@@ -92,35 +92,35 @@ def _training(ctx: Context, place: LocationRecord, revision: RevisionRecord, for
 
 def _trials(
     ctx: Context,
-    place: LocationRecord,
+    location: LocationRecord,
     train: RevisionRecord,
     form: EvaluateForm,
     candidates: list[Candidate],
     check: Callable[[], None],
 ) -> Iterator[_Trial]:
-    recipes = {candidate: recipe_for(place, train, *candidate) for candidate in candidates}
+    recipes = {candidate: recipe_for(location, train, *candidate) for candidate in candidates}
 
     def trial(history: History, time: NDArray[np.float64], states: NDArray[np.uint8]) -> _Trial:
-        return _Trial(time, states, _fit_all(history, recipes, place, check))
+        return _Trial(time, states, _fit_all(history, recipes, location, check))
 
     if form.time is not None or form.state is not None:
-        time, given = _given(place, form)
+        time, given = _given(location, form)
         _check_size(len(time), candidates)
-        yield trial(read_history(ctx, place, 0, train.start, train.stop), time, given)
+        yield trial(read_history(ctx, location, 0, train.start, train.stop), time, given)
         return
-    start, stop = _tested(ctx, place, form)
+    start, stop = _tested(ctx, location, form)
     _check_size(stop - start, candidates)
-    step = max(1, place.n_cells * (stop - start) * len(candidates) // MAX_VALUES)
-    for chunk in range(place.n_chunks):
-        cells = np.arange(chunk % step, place.chunk_size(chunk), step)
+    step = max(1, location.n_cells * (stop - start) * len(candidates) // MAX_VALUES)
+    for chunk in range(location.n_chunks):
+        cells = np.arange(chunk % step, location.chunk_size(chunk), step)
         try:
-            states = read_history(ctx, place, chunk, start, stop).cells(cells).states()
-            past = read_history(ctx, place, chunk, train.start, train.stop).cells(cells)
+            states = read_history(ctx, location, chunk, start, stop).cells(cells).states()
+            past = read_history(ctx, location, chunk, train.start, train.stop).cells(cells)
         except CorruptChunkError:
-            if place.n_chunks == 1:
+            if location.n_chunks == 1:
                 raise
             continue
-        yield trial(past, place.base.time(np.arange(start, stop)), states)
+        yield trial(past, location.base.time(np.arange(start, stop)), states)
 
 
 def _check_size(n_times: int, candidates: list[Candidate]) -> None:
@@ -134,25 +134,25 @@ def _check_size(n_times: int, candidates: list[Candidate]) -> None:
 
 
 def _fit_all(
-    history: History, recipes: dict[Candidate, Recipe], place: LocationRecord, check: Callable[[], None]
+    history: History, recipes: dict[Candidate, Recipe], location: LocationRecord, check: Callable[[], None]
 ) -> dict[Candidate, Spectrum]:
     """Every candidate's spectrum; `fft` is fitted once, its smaller orders are the first components."""
     most = max(
         (recipe for recipe in recipes.values() if recipe.estimator == "fft"), key=attrgetter("order"), default=None
     )
-    largest = None if most is None else fit_recipe(history, most, place.base)
+    largest = None if most is None else fit_recipe(history, most, location.base)
     fits: dict[Candidate, Spectrum] = {}
     for candidate, recipe in recipes.items():
         check()
         if largest is not None and recipe.estimator == "fft":
             fits[candidate] = truncate(largest, recipe.order)
         else:
-            fits[candidate] = fit_recipe(history, recipe, place.base)
+            fits[candidate] = fit_recipe(history, recipe, location.base)
     return fits
 
 
-def _given(place: LocationRecord, form: EvaluateForm) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
-    if place.kind != "state":
+def _given(location: LocationRecord, form: EvaluateForm) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+    if location.kind != "state":
         raise InvalidInputError.at(
             "time", "measurements can be given for kind 'state' only; post them and use start, stop"
         )
@@ -167,8 +167,8 @@ def _given(place: LocationRecord, form: EvaluateForm) -> tuple[NDArray[np.float6
     return time[inside], state[inside][np.newaxis, :]
 
 
-def _tested(ctx: Context, place: LocationRecord, form: EvaluateForm) -> tuple[int, int]:
-    start, stop = place.base.clamp(window(ctx, place), form.start, form.stop)
+def _tested(ctx: Context, location: LocationRecord, form: EvaluateForm) -> tuple[int, int]:
+    start, stop = location.base.clamp(window(ctx, location), form.start, form.stop)
     if stop <= start:
         raise InvalidInputError.at("stop", "nothing was observed between start and stop; widen the range")
     return start, stop

@@ -25,51 +25,51 @@ CHUNK_BITS = 1 << 27
 """Cells times samples of a chunk that are held at once: one measurement of 1970 must not fill the memory."""
 
 
-def span(place: LocationRecord) -> tuple[int, int]:
+def span(location: LocationRecord) -> tuple[int, int]:
     """Samples [start, stop) from the first to the last measurement; (0, 0) without any."""
-    if place.first_time is None or place.last_time is None:
+    if location.first_time is None or location.last_time is None:
         return 0, 0
-    return int(place.base.sample(place.first_time)), int(place.base.sample(place.last_time)) + 1
+    return int(location.base.sample(location.first_time)), int(location.base.sample(location.last_time)) + 1
 
 
-def window(ctx: Context, place: LocationRecord) -> tuple[int, int]:
+def window(ctx: Context, location: LocationRecord) -> tuple[int, int]:
     """The part of `span` that is modelled: its latest `max_samples` samples, fewer where a chunk would be too large."""
-    start, stop = span(place)
-    most = min(ctx.settings.max_samples, CHUNK_BITS // min(place.n_cells, CHUNK_CELLS))
+    start, stop = span(location)
+    most = min(ctx.settings.max_samples, CHUNK_BITS // min(location.n_cells, CHUNK_CELLS))
     return max(start, stop - most), stop
 
 
-def read_history(ctx: Context, place: LocationRecord, chunk: int, start: int, stop: int) -> History:
+def read_history(ctx: Context, location: LocationRecord, chunk: int, start: int, stop: int) -> History:
     """What was observed in one chunk until now over samples [start, stop), held where the location says so."""
     with ctx.store.read() as work:
-        place = work.locations.by_id(place.id)
-        history = _stored(ctx, work, place, chunk, start - (place.hold_samples or 0), stop)
-    return _held(place, history, start, stop)
+        location = work.locations.by_id(location.id)
+        history = _stored(ctx, work, location, chunk, start - (location.hold_samples or 0), stop)
+    return _held(location, history, start, stop)
 
 
-def read_compacted(ctx: Context, place: LocationRecord, chunk: int, start: int, stop: int) -> History:
+def read_compacted(ctx: Context, location: LocationRecord, chunk: int, start: int, stop: int) -> History:
     """The same of what is compacted alone, which nobody's posts change meanwhile; nothing of it is kept for others."""
     with ctx.store.read() as work:
-        place = work.locations.by_id(place.id)
-        settled = replace(place, observation_seq=place.compacted_seq)
+        location = work.locations.by_id(location.id)
+        settled = replace(location, observation_seq=location.compacted_seq)
         try:
-            history = _whole(ctx, work, settled, chunk, start - (place.hold_samples or 0), stop)
+            history = _whole(ctx, work, settled, chunk, start - (location.hold_samples or 0), stop)
         except CorruptChunkError as error:
-            ctx.damage.found(place.id, error)
+            ctx.damage.found(location.id, error)
             raise
-    return _held(place, history, start, stop)
+    return _held(location, history, start, stop)
 
 
-def _held(place: LocationRecord, history: History, start: int, stop: int) -> History:
+def _held(location: LocationRecord, history: History, start: int, stop: int) -> History:
     """Samples [start, stop), a state held until the next measurement where the location says so."""
-    if place.hold_samples is not None:
-        history = history.window(history.start, max(history.stop, stop)).hold(place.hold_samples)
+    if location.hold_samples is not None:
+        history = history.window(history.start, max(history.stop, stop)).hold(location.hold_samples)
     return history.window(start, stop)
 
 
-def read_cell(ctx: Context, place: LocationRecord, cell: int, start: int, stop: int) -> History:
+def read_cell(ctx: Context, location: LocationRecord, cell: int, start: int, stop: int) -> History:
     """The history of one cell over samples [start, stop)."""
-    return read_history(ctx, place, cell // CHUNK_CELLS, start, stop).cells(np.array([cell % CHUNK_CELLS]))
+    return read_history(ctx, location, cell // CHUNK_CELLS, start, stop).cells(np.array([cell % CHUNK_CELLS]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,7 +81,7 @@ class LastSeen:
     damaged: list[int]
 
 
-def last_seen(ctx: Context, place: LocationRecord, sample: int, cells: NDArray[np.int64]) -> LastSeen:
+def last_seen(ctx: Context, location: LocationRecord, sample: int, cells: NDArray[np.int64]) -> LastSeen:
     """The latest measurement at or before `sample`, of some cells (ascending).
 
     Reads segments backwards, as far as some cell has not been found.
@@ -89,15 +89,15 @@ def last_seen(ctx: Context, place: LocationRecord, sample: int, cells: NDArray[n
     damaged = []
     state = np.full(len(cells), UNOBSERVED, np.uint8)
     seen = np.full(len(cells), NEVER, np.int64)
-    start, stop = window(ctx, place)
-    borders = np.searchsorted(cells, np.arange(place.n_chunks + 1) * CHUNK_CELLS)
+    start, stop = window(ctx, location)
+    borders = np.searchsorted(cells, np.arange(location.n_chunks + 1) * CHUNK_CELLS)
     for chunk in np.flatnonzero(np.diff(borders)).tolist():
         missing = np.arange(borders[chunk], borders[chunk + 1])
         end = min(sample + 1, stop)
         try:
             while end > start and len(missing):
                 begin = max(start, (end - 1) // SEGMENT_SAMPLES * SEGMENT_SAMPLES)
-                found, at = _read_known(ctx, place, chunk, begin, end).last_seen(sample)
+                found, at = _read_known(ctx, location, chunk, begin, end).last_seen(sample)
                 local = cells[missing] - chunk * CHUNK_CELLS
                 state[missing], seen[missing] = found[local], at[local]
                 missing, end = missing[seen[missing] == NEVER], begin
@@ -107,50 +107,50 @@ def last_seen(ctx: Context, place: LocationRecord, sample: int, cells: NDArray[n
     return LastSeen(state, seen, damaged)
 
 
-def _read_known(ctx: Context, place: LocationRecord, chunk: int, start: int, stop: int) -> History:
+def _read_known(ctx: Context, location: LocationRecord, chunk: int, start: int, stop: int) -> History:
     """What was measured in one chunk over samples [start, stop) and, uncopied, in those around them."""
     with ctx.store.read() as work:
-        return _stored(ctx, work, work.locations.by_id(place.id), chunk, start, stop)
+        return _stored(ctx, work, work.locations.by_id(location.id), chunk, start, stop)
 
 
-def _stored(ctx: Context, work: Work, place: LocationRecord, chunk: int, start: int, stop: int) -> History:
+def _stored(ctx: Context, work: Work, location: LocationRecord, chunk: int, start: int, stop: int) -> History:
     """As `_whole`, kept for the next that asks."""
-    first, last = _segments(place, start, stop)
+    first, last = _segments(location, start, stop)
     if last < first:
-        return _whole(ctx, work, place, chunk, start, stop)
-    version = (place.compacted_seq, place.observation_seq)
-    load = partial(_whole, ctx, work, place, chunk, start, stop)
+        return _whole(ctx, work, location, chunk, start, stop)
+    version = (location.compacted_seq, location.observation_seq)
+    load = partial(_whole, ctx, work, location, chunk, start, stop)
     try:
-        return ctx.histories.get((place.id, chunk, first, last), version, load)
+        return ctx.histories.get((location.id, chunk, first, last), version, load)
     except CorruptChunkError as error:
-        ctx.damage.found(place.id, error)
+        ctx.damage.found(location.id, error)
         raise
 
 
-def _whole(ctx: Context, work: Work, place: LocationRecord, chunk: int, start: int, stop: int) -> History:
+def _whole(ctx: Context, work: Work, location: LocationRecord, chunk: int, start: int, stop: int) -> History:
     """At least [start, stop), in whole segments, but never further than the measurements reach."""
-    first, last = _segments(place, start, stop)
+    first, last = _segments(location, start, stop)
     if last < first:
-        return History.empty(place.chunk_size(chunk), max(start, span(place)[0]), 0)
-    return _assemble(ctx, work, place, chunk, first, last)
+        return History.empty(location.chunk_size(chunk), max(start, span(location)[0]), 0)
+    return _assemble(ctx, work, location, chunk, first, last)
 
 
-def _segments(place: LocationRecord, start: int, stop: int) -> tuple[int, int]:
+def _segments(location: LocationRecord, start: int, stop: int) -> tuple[int, int]:
     """The first and the last segment with measurements of samples [start, stop); without any the last is before it."""
-    known_start, known_stop = span(place)
+    known_start, known_stop = span(location)
     start, stop = max(start, known_start), min(stop, known_stop)
     first = start // SEGMENT_SAMPLES
     return first, (stop - 1) // SEGMENT_SAMPLES if stop > start else first - 1
 
 
-def _assemble(ctx: Context, work: Work, place: LocationRecord, chunk: int, first: int, last: int) -> History:
-    whole = History.empty(place.chunk_size(chunk), first * SEGMENT_SAMPLES, (last - first + 1) * SEGMENT_SAMPLES)
-    new = dict(by_segment(place, _tail(ctx, work, place, chunk)))
-    for number, segment in work.segments.of_chunk(place, chunk, first, last):
-        _lay(whole, merge(segment, new.pop(number, NOTHING), place.base))
+def _assemble(ctx: Context, work: Work, location: LocationRecord, chunk: int, first: int, last: int) -> History:
+    whole = History.empty(location.chunk_size(chunk), first * SEGMENT_SAMPLES, (last - first + 1) * SEGMENT_SAMPLES)
+    new = dict(by_segment(location, _tail(ctx, work, location, chunk)))
+    for number, segment in work.segments.of_chunk(location, chunk, first, last):
+        _lay(whole, merge(segment, new.pop(number, NOTHING), location.base))
     for number, measured in new.items():
         if first <= number <= last:
-            _lay(whole, merge(Segment.empty(place.chunk_size(chunk), number), measured, place.base))
+            _lay(whole, merge(Segment.empty(location.chunk_size(chunk), number), measured, location.base))
     return whole
 
 
@@ -162,63 +162,63 @@ def _lay(whole: History, segment: Segment) -> None:
     whole.occupied[:, part] = segment.history.occupied
 
 
-def _tail(ctx: Context, work: Work, place: LocationRecord, chunk: int) -> Measurements:
+def _tail(ctx: Context, work: Work, location: LocationRecord, chunk: int) -> Measurements:
     """What is not compacted yet of one chunk, its cells counted from its first."""
-    if place.observation_seq == place.compacted_seq:
+    if location.observation_seq == location.compacted_seq:
         # Nothing, or whoever asks wants what is compacted alone, and others hold what is not.
-        _let_go(ctx, place)
+        _let_go(ctx, location)
         return NOTHING
-    tail = ctx.tails.held(place.id, _version(place))
+    tail = ctx.tails.held(location.id, _version(location))
     if tail is None:
-        tail = _read_on(ctx, work, place) or _read_chunk(work, place, chunk)
-        _tell(ctx, place, tail)
+        tail = _read_on(ctx, work, location) or _read_chunk(work, location, chunk)
+        _tell(ctx, location, tail)
     return Measurements.concatenate([of_chunk(part, chunk) for _, part in tail.parts])
 
 
-def _let_go(ctx: Context, place: LocationRecord) -> None:
+def _let_go(ctx: Context, location: LocationRecord) -> None:
     """Forget what is held of a tail, where all of it is compacted."""
-    known = ctx.tails.latest(place.id)
-    if known is not None and cast(tuple[int, int], known[0])[1] <= place.compacted_seq:
-        ctx.tails.drop(lambda key: key == place.id)
+    known = ctx.tails.latest(location.id)
+    if known is not None and cast(tuple[int, int], known[0])[1] <= location.compacted_seq:
+        ctx.tails.drop(lambda key: key == location.id)
 
 
-def _version(place: LocationRecord) -> tuple[int, int]:
+def _version(location: LocationRecord) -> tuple[int, int]:
     """A tail begins after the first of these observations and ends with the second."""
-    return place.compacted_seq, place.observation_seq
+    return location.compacted_seq, location.observation_seq
 
 
-def _read_on(ctx: Context, work: Work, place: LocationRecord) -> Tail | None:
+def _read_on(ctx: Context, work: Work, location: LocationRecord) -> Tail | None:
     """The whole tail, every part sorted by chunk, kept for other chunks and later questions: of an earlier one what is
     held, and what has come in since. None where it is too long to be held: unpacked it would only take memory."""
-    if not ctx.tails.takes(work.observations.pending(place) * LEAST_BYTES):
+    if not ctx.tails.takes(work.observations.pending(location) * LEAST_BYTES):
         return None
     # One at a time: the others need not read what the first has read, nor hold as much at once.
     with ctx.reading_on:
-        parts, since = _known(ctx, place)
-        new = work.observations.tail(replace(place, compacted_seq=since), choose=by_chunk)
-        return ctx.tails.get(place.id, _version(place), lambda: Tail(parts + new.parts, new.damage))
+        parts, since = _known(ctx, location)
+        new = work.observations.tail(replace(location, compacted_seq=since), choose=by_chunk)
+        return ctx.tails.get(location.id, _version(location), lambda: Tail(parts + new.parts, new.damage))
 
 
-def _known(ctx: Context, place: LocationRecord) -> tuple[list[tuple[int, Measurements]], int]:
+def _known(ctx: Context, location: LocationRecord) -> tuple[list[tuple[int, Measurements]], int]:
     """What is held of a tail, of this moment or another, and through which observation."""
-    known = ctx.tails.latest(place.id)
+    known = ctx.tails.latest(location.id)
     if known is not None:
         (compacted, through), held = cast(tuple[int, int], known[0]), known[1]
-        if compacted <= place.compacted_seq <= through:
-            first, last = _version(place)
+        if compacted <= location.compacted_seq <= through:
+            first, last = _version(location)
             return [part for part in held.parts if first < part[0] <= last], min(through, last)
-    return [], place.compacted_seq
+    return [], location.compacted_seq
 
 
-def _read_chunk(work: Work, place: LocationRecord, chunk: int) -> Tail:
+def _read_chunk(work: Work, location: LocationRecord, chunk: int) -> Tail:
     """What a tail holds of one chunk, of which nothing is kept."""
     first, stop = chunk * CHUNK_CELLS, (chunk + 1) * CHUNK_CELLS
-    return work.observations.tail(place, choose=lambda part: part.select((part.cell >= first) & (part.cell < stop)))
+    return work.observations.tail(location, choose=lambda part: part.select((part.cell >= first) & (part.cell < stop)))
 
 
-def _tell(ctx: Context, place: LocationRecord, tail: Tail) -> None:
+def _tell(ctx: Context, location: LocationRecord, tail: Tail) -> None:
     for error in tail.damage.values():
-        ctx.damage.found(place.id, error)
+        ctx.damage.found(location.id, error)
 
 
 def by_chunk(part: Measurements) -> Measurements:
@@ -236,11 +236,11 @@ def of_chunk(sorted_: Measurements, chunk: int) -> Measurements:
     return Measurements(some.time, some.cell - np.uint32(first), some.state)
 
 
-def by_segment(place: LocationRecord, measurements: Measurements) -> Iterator[tuple[int, Measurements]]:
+def by_segment(location: LocationRecord, measurements: Measurements) -> Iterator[tuple[int, Measurements]]:
     """The measurements of each segment, by its number."""
     if not len(measurements):
         return
-    numbers = measurements.samples(place.base) // SEGMENT_SAMPLES
+    numbers = measurements.samples(location.base) // SEGMENT_SAMPLES
     if numbers.min() == numbers.max():
         yield int(numbers[0]), measurements
         return

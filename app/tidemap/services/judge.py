@@ -33,31 +33,33 @@ class Criterion:
     revision: int
 
 
-def judge(place: LocationRecord, spectrum: Spectrum, measurements: Measurements) -> list[AnomalyRecord]:
+def judge(location: LocationRecord, spectrum: Spectrum, measurements: Measurements) -> list[AnomalyRecord]:
     """The events among new measurements, in order, judged by rule `surprise` at the location's confidence."""
-    criterion = Criterion(place.confidence, "surprise", place.revision)
-    if len(measurements.heads) == 1 and place.n_cells > 1:
-        marks = _marks_of_look(place, spectrum, measurements)
+    criterion = Criterion(location.confidence, "surprise", location.revision)
+    if len(measurements.heads) == 1 and location.n_cells > 1:
+        marks = _marks_of_look(location, spectrum, measurements)
     else:
-        sample, standing = _standing(place, measurements)
-        rows, probability = _surprising(place, spectrum, sample, standing)
+        sample, standing = _standing(location, measurements)
+        rows, probability = _surprising(location, spectrum, sample, standing)
         marks = Marks(sample[rows], standing.cell[rows].astype(np.int64), standing.state[rows], probability)
-    return group(place, marks, criterion)
+    return group(location, marks, criterion)
 
 
-def _marks_of_look(place: LocationRecord, spectrum: Spectrum, look: Measurements) -> Marks:
+def _marks_of_look(location: LocationRecord, spectrum: Spectrum, look: Measurements) -> Marks:
     """Those among measurements of one time."""
-    sample = place.base.sample(look.time[:1])
-    rows, probability = surprising(spectrum, float(place.base.time(sample[0])), look.cell, look.state, place.confidence)
+    sample = location.base.sample(look.time[:1])
+    rows, probability = surprising(
+        spectrum, float(location.base.time(sample[0])), look.cell, look.state, location.confidence
+    )
     cell = look.cell[rows].astype(np.int64)
     fresh = np.diff(cell, prepend=-1) != 0
     rows = rows[fresh]
     return Marks(np.repeat(sample, len(rows)), cell[fresh], look.state[rows], probability[fresh])
 
 
-def _standing(place: LocationRecord, measurements: Measurements) -> tuple[NDArray[np.int64], Measurements]:
+def _standing(location: LocationRecord, measurements: Measurements) -> tuple[NDArray[np.int64], Measurements]:
     """The measurements that stand among these, which are in order, by sample and cell, and their samples."""
-    sample, ordered = measurements.samples(place.base), measurements
+    sample, ordered = measurements.samples(location.base), measurements
     heads = measurements.heads
     if len(np.unique(sample[heads])) < len(heads):
         order = np.lexsort((ordered.state, ordered.time, ordered.cell, sample))
@@ -68,29 +70,29 @@ def _standing(place: LocationRecord, measurements: Measurements) -> tuple[NDArra
 
 
 def _surprising(
-    place: LocationRecord, spectrum: Spectrum, sample: NDArray[np.int64], standing: Measurements
+    location: LocationRecord, spectrum: Spectrum, sample: NDArray[np.int64], standing: Measurements
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
     """The rows that are surprising, of measurements by sample and cell, and their probabilities."""
-    if place.n_cells == 1:
-        p = predict_times(spectrum, place.base.time(sample), [0])[0]
-        rows = np.flatnonzero(is_anomalous(p, standing.state, place.confidence))
+    if location.n_cells == 1:
+        p = predict_times(spectrum, location.base.time(sample), [0])[0]
+        rows = np.flatnonzero(is_anomalous(p, standing.state, location.confidence))
         return rows, p[rows]
     heads = [0, *(np.flatnonzero(sample[1:] != sample[:-1]) + 1).tolist()]
     found = []
     for begin, end in pairwise([*heads, len(sample)]):
         part = slice(begin, end)
-        time = float(place.base.time(sample[begin]))
-        rows, p = surprising(spectrum, time, standing.cell[part], standing.state[part], place.confidence)
+        time = float(location.base.time(sample[begin]))
+        rows, p = surprising(spectrum, time, standing.cell[part], standing.state[part], location.confidence)
         found.append((rows + begin, p))
     return np.concatenate([rows for rows, _ in found]), np.concatenate([p for _, p in found])
 
 
-def group(place: LocationRecord, marks: Marks, criterion: Criterion) -> list[AnomalyRecord]:
+def group(location: LocationRecord, marks: Marks, criterion: Criterion) -> list[AnomalyRecord]:
     """Events: connected marks of one state, of at least `min_cells` cells; in order of their start."""
-    least = min(place.min_cells, place.n_cells)
+    least = min(location.min_cells, location.n_cells)
     if len(marks.cell) < least:
         return []
-    label = label_regions(place.cells, marks.sample, marks.cell, marks.state)
+    label = label_regions(location.cells, marks.sample, marks.cell, marks.state)
     # A region has no more cells than marks: what is too small is not looked at any further.
     large = np.bincount(label)[label] >= least
     if not large.any():
@@ -101,8 +103,8 @@ def group(place: LocationRecord, marks: Marks, criterion: Criterion) -> list[Ano
     probability = marks.probability[rows].astype(np.float64)
     begin = np.flatnonzero(np.diff(label, prepend=-1))
     columns = zip(
-        place.base.time(np.minimum.reduceat(sample, begin)).tolist(),
-        place.base.time(np.maximum.reduceat(sample, begin) + 1).tolist(),
+        location.base.time(np.minimum.reduceat(sample, begin)).tolist(),
+        location.base.time(np.maximum.reduceat(sample, begin) + 1).tolist(),
         _distinct(label, cell),
         state[begin].tolist(),
         (np.add.reduceat(probability, begin) / np.diff(begin, append=len(label))).tolist(),
@@ -111,7 +113,7 @@ def group(place: LocationRecord, marks: Marks, criterion: Criterion) -> list[Ano
     )
     judged = (criterion.confidence, criterion.rule, criterion.revision)
     events = [
-        AnomalyRecord(place.id, 0, start, stop, cells, observed, mean, peak, *judged)
+        AnomalyRecord(location.id, 0, start, stop, cells, observed, mean, peak, *judged)
         for start, stop, cells, observed, mean, peak in columns
         if len(cells) >= least
     ]

@@ -46,13 +46,13 @@ def change_location(ctx: Context, name: str, form: LocationPatch) -> Location:
         if record.missing == "hold" and record.hold_s is None:
             raise InvalidInputError.at("hold_s", "`missing` = 'hold' needs the seconds a state stands at most")
 
-    ctx.store.write(change, lambda _: ctx.places.forget())
+    ctx.store.write(change, lambda _: ctx.locations.forget())
     return get_location(ctx, values.get("name", name))
 
 
 def delete_location(ctx: Context, name: str) -> None:
     """With all that belongs to it. Raises LocationNotFoundError."""
-    ctx.damage.forget(ctx.store.write(lambda work: work.locations.delete(name), lambda _: ctx.places.forget()))
+    ctx.damage.forget(ctx.store.write(lambda work: work.locations.delete(name), lambda _: ctx.locations.forget()))
 
 
 def find_location(ctx: Context, name: str) -> LocationRecord:

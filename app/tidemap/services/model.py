@@ -23,12 +23,12 @@ def model_of(ctx: Context, name: str, cell: int = 0, order: int | None = None) -
     Raises LocationNotFoundError, NoModelError, CellNotFoundError, CorruptChunkError.
     """
     fit = fitted(ctx, name, None, order)
-    place = fit.place
-    check_cell(place, cell)
+    location = fit.location
+    check_cell(location, cell)
     fit.check_readable([cell])
-    history = read_cell(ctx, place, cell, *window(ctx, place))
+    history = read_cell(ctx, location, cell, *window(ctx, location))
     spectrum = select(fit.spectrum, np.array([cell]))
-    outliers = find_outliers(spectrum, history, place.base)
+    outliers = find_outliers(spectrum, history, location.base)
     observed = int(history.count_observed()[0])
     return Model(
         cell=cell,
@@ -36,13 +36,13 @@ def model_of(ctx: Context, name: str, cell: int = 0, order: int | None = None) -
         link=spectrum.link,
         time_zone=spectrum.time_zone,
         order=fit.revision.order,
-        start=float(place.base.time(fit.revision.start)),
-        stop=float(place.base.time(fit.revision.stop)),
+        start=float(location.base.time(fit.revision.start)),
+        stop=float(location.base.time(fit.revision.stop)),
         samples=fit.revision.stop - fit.revision.start,
-        interval_s=place.interval_s,
+        interval_s=location.interval_s,
         mean=None if np.isnan(spectrum.mean[0]) else float(spectrum.mean[0]),
         components=_components(spectrum),
-        outliers=_times(place, outliers),
+        outliers=_times(location, outliers),
         accuracy=1 - int(count(outliers)[0]) / observed if observed else None,
         compression=_compression(history, spectrum, outliers),
         selection=_selection(fit),
@@ -65,8 +65,8 @@ def _components(spectrum: Spectrum) -> list[Component]:
     ]
 
 
-def _times(place: LocationRecord, outliers: Outliers) -> list[tuple[float, float]]:
-    start, stop = place.base.time(outliers.start), place.base.time(outliers.stop)
+def _times(location: LocationRecord, outliers: Outliers) -> list[tuple[float, float]]:
+    start, stop = location.base.time(outliers.start), location.base.time(outliers.stop)
     return list(zip(start.tolist(), stop.tolist(), strict=True))
 
 

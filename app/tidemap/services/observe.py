@@ -67,37 +67,37 @@ def is_quick(ctx: Context, name: str, post: Post) -> bool:
     """Whether a post is small and what it is judged by is in memory. Costs nothing, as it is asked on the way."""
     if len(post.body.content) * post.body.cost > QUICK_BYTES:
         return False
-    place = ctx.places.lately(name)
-    return place is not None and _can_judge(ctx, place)
+    location = ctx.locations.lately(name)
+    return location is not None and _can_judge(ctx, location)
 
 
-def _can_judge(ctx: Context, place: LocationRecord) -> bool:
+def _can_judge(ctx: Context, location: LocationRecord) -> bool:
     """Whether nothing has to be read for it."""
-    return not place.revision or held(ctx, place) is not None
+    return not location.revision or held(ctx, location) is not None
 
 
 def _quick_entry(ctx: Context, name: str, post: Post) -> Entry:
     """A post, parsed and judged. Raises NotQuickError, and as `observe`."""
-    place, measurements = parsed(ctx, name, post)
-    if len(measurements.heads) > QUICK_LOOKS or not _can_judge(ctx, place):
+    location, measurements = parsed(ctx, name, post)
+    if len(measurements.heads) > QUICK_LOOKS or not _can_judge(ctx, location):
         raise NotQuickError
-    return judged(ctx, post, place, measurements)
+    return judged(ctx, post, location, measurements)
 
 
 def parsed(ctx: Context, name: str, post: Post) -> tuple[LocationRecord, Measurements]:
     """The location of a post and its measurements. Raises as `observe`."""
     try:
-        place = ctx.places.get(name, partial(find_location, ctx))
-        return place, parse(post.body, Target(place.kind, place.cells, ctx.clock() + ctx.settings.future_s))
+        location = ctx.locations.get(name, partial(find_location, ctx))
+        return location, parse(post.body, Target(location.kind, location.cells, ctx.clock() + ctx.settings.future_s))
     except TidemapError:
         _refuse(ctx, name, post)
         raise
 
 
-def judged(ctx: Context, post: Post, place: LocationRecord, measurements: Measurements) -> Entry:
+def judged(ctx: Context, post: Post, location: LocationRecord, measurements: Measurements) -> Entry:
     """What to store of measurements, whatever form they came in: with the events among them."""
-    place, events = _events(ctx, place, measurements)
-    return Entry(place, post, _record(ctx, post, measurements), events)
+    location, events = _events(ctx, location, measurements)
+    return Entry(location, post, _record(ctx, post, measurements), events)
 
 
 def _refuse(ctx: Context, name: str, post: Post) -> None:
@@ -109,32 +109,32 @@ def _refuse(ctx: Context, name: str, post: Post) -> None:
     with ctx.store.read() as work:
         if post.claim is not None:
             confirm(work, post.claim)
-        place = work.locations.get(name)
-        if key is not None and work.observations.digests(place.id, [key]):
+        location = work.locations.get(name)
+        if key is not None and work.observations.digests(location.id, [key]):
             raise IdempotencyConflictError(key)
 
 
 def _events(
-    ctx: Context, place: LocationRecord, measurements: Measurements
+    ctx: Context, location: LocationRecord, measurements: Measurements
 ) -> tuple[LocationRecord, list[AnomalyRecord]]:
     """The events among the measurements by the current revision, and the location as it has that.
 
     Without a model nothing is a surprise; that it is damaged does not keep anybody from posting.
     """
-    if not place.revision:
-        return place, []
-    spectrum = held(ctx, place)
+    if not location.revision:
+        return location, []
+    spectrum = held(ctx, location)
     if spectrum is None:
         try:
-            fit = fitted(ctx, place.name)
+            fit = fitted(ctx, location.name)
         except CorruptChunkError as error:
-            ctx.damage.found(place.id, error)
-            return place, []
-        if fit.place.id != place.id:
+            ctx.damage.found(location.id, error)
+            return location, []
+        if fit.location.id != location.id:
             # Another one took its name meanwhile: this post was for one that is gone, as its storing will find.
-            return place, []
-        place, spectrum = fit.place, fit.spectrum
-    return place, judge(place, spectrum, measurements)
+            return location, []
+        location, spectrum = fit.location, fit.spectrum
+    return location, judge(location, spectrum, measurements)
 
 
 def _record(ctx: Context, post: Post, measurements: Measurements) -> ObservationRecord:

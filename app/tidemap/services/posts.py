@@ -42,7 +42,7 @@ class Observed:
 class Entry:
     """A post that is parsed and judged: what is to be stored of it."""
 
-    place: LocationRecord
+    location: LocationRecord
     post: Post
     record: ObservationRecord
     events: list[AnomalyRecord]
@@ -61,18 +61,20 @@ def store_all(work: Work, entries: Sequence[Entry]) -> list[Outcome]:
     outcome: dict[Entry, Outcome] = {}
     numbers: dict[Entry, int] = {}
     claims = {claim: _confirmed(work, claim) for claim in {entry.post.claim for entry in entries}}
-    for place_id, group in sorted(_by_place(entries).items()):
+    for location_id, group in sorted(_by_location(entries).items()):
         fresh = []
-        known = work.observations.digests(place_id, [key for entry in group if (key := entry.record.idempotency_key)])
+        known = work.observations.digests(
+            location_id, [key for entry in group if (key := entry.record.idempotency_key)]
+        )
         for entry in group:
             settled = claims[entry.post.claim] or _settled(entry, known)
             if settled is None:
                 fresh.append(entry)
             else:
                 outcome[entry] = settled
-        first = work.observations.append(place_id, [entry.record for entry in fresh]) if fresh else 0
+        first = work.observations.append(location_id, [entry.record for entry in fresh]) if fresh else 0
         if first is None:
-            outcome |= {entry: LocationNotFoundError(entry.place.name) for entry in fresh}
+            outcome |= {entry: LocationNotFoundError(entry.location.name) for entry in fresh}
         else:
             numbers |= {entry: number for number, entry in enumerate(fresh, first)}
     # After the last location, for what numbers events is locked, too; in the order in which they will be told.
@@ -80,10 +82,10 @@ def store_all(work: Work, entries: Sequence[Entry]) -> list[Outcome]:
     return [outcome[entry] for entry in entries]
 
 
-def _by_place(entries: Sequence[Entry]) -> dict[int, list[Entry]]:
+def _by_location(entries: Sequence[Entry]) -> dict[int, list[Entry]]:
     groups = defaultdict(list)
     for entry in entries:
-        groups[entry.place.id].append(entry)
+        groups[entry.location.id].append(entry)
     return groups
 
 
@@ -107,14 +109,14 @@ def _settled(entry: Entry, known: dict[str, bytes]) -> Outcome | None:
         return None
     if known[key] != digest:
         return IdempotencyConflictError(key)
-    return Observed(entry.place.name, entry.record.source, 0, 0, True, None, None, [], entry.place.revision)
+    return Observed(entry.location.name, entry.record.source, 0, 0, True, None, None, [], entry.location.revision)
 
 
 def _with_events(work: Work, numbers: Mapping[Entry, int]) -> Iterable[tuple[Entry, Outcome]]:
     """Store the events of posts that are stored under these numbers."""
     events = iter(work.anomalies.append([event for entry in numbers for event in entry.events]))
     for entry, number in numbers.items():
-        record, place = entry.record, entry.place
-        stored = [wire(place, next(events)) for _ in entry.events]
+        record, location = entry.record, entry.location
+        stored = [wire(location, next(events)) for _ in entry.events]
         what = (number, record.measurements, False, record.first_time, record.last_time)
-        yield entry, Observed(place.name, record.source, *what, stored, place.revision)
+        yield entry, Observed(location.name, record.source, *what, stored, location.revision)

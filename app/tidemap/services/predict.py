@@ -83,19 +83,19 @@ class Asked:
     @property
     def confidence(self) -> float:
         """The question's, or the location's."""
-        return self.model.place.confidence if self.query.confidence is None else self.query.confidence
+        return self.model.location.confidence if self.query.confidence is None else self.query.confidence
 
     def facts(self) -> StateFacts:
         """What the answer says of itself, as far as it does not say what was last seen."""
-        place, revision = self.model.place, self.model.revision
+        location, revision = self.model.location, self.model.revision
         return StateFacts(
-            location_id=place.id,
+            location_id=location.id,
             time=self.query.time,
             confidence=self.confidence,
             estimator=revision.estimator,
             order=revision.order,
             revision=revision.revision,
-            shape=place.cells.shape,
+            shape=location.cells.shape,
             unavailable=self.model.unavailable,
         )
 
@@ -115,20 +115,20 @@ def state_at(ctx: Context, name: str, query: StateQuery) -> StateView:
 
 def view_of(ctx: Context, asked: Asked) -> StateView:
     """The answer in arrays. Raises InvalidInputError."""
-    query, model, place = asked.query, asked.model, asked.model.place
+    query, model, location = asked.query, asked.model, asked.model.location
     cell, probability = _asked_for(ctx, asked)
-    seen = last_seen(ctx, place, int(place.base.sample(query.time)), cell) if query.observed else None
+    seen = last_seen(ctx, location, int(location.base.sample(query.time)), cell) if query.observed else None
     facts = asked.facts()
     damaged = {*model.damage, *(() if seen is None else seen.damaged)}
     return StateView(
         **{each.name: getattr(facts, each.name) for each in fields(facts) if each.name != "unavailable"},
-        unavailable=place.cell_ranges(damaged),
+        unavailable=location.cell_ranges(damaged),
         cell=cell,
         probability=probability,
         state=state(probability, asked.confidence),
         verdict=verdict(probability, asked.confidence),
         observed=None if seen is None else seen.state,
-        observed_time=None if seen is None else _start(place, seen.sample),
+        observed_time=None if seen is None else _start(location, seen.sample),
     )
 
 
@@ -137,7 +137,7 @@ def sheet_of(ctx: Context, asked: Asked) -> BufferLease[StateBuffer] | None:
     spectrum, confidence = asked.model.spectrum, asked.confidence
     if asked.query.bbox is not None or asked.query.observed:
         return None
-    key = (asked.model.place.id, asked.model.revision.recipe, confidence)
+    key = (asked.model.location.id, asked.model.revision.recipe, confidence)
     loan = ctx.buffers.borrow(key, ref(asked.model.loaded), lambda: StateBuffer.of(spectrum, confidence))
     loan.value.write(spectrum, asked.query.time, ctx.settings.update_threads)
     return loan
@@ -145,7 +145,7 @@ def sheet_of(ctx: Context, asked: Asked) -> BufferLease[StateBuffer] | None:
 
 def grid_of(ctx: Context, asked: Asked) -> NDArray[np.float32]:
     """The probability of all cells, in the location's shape; NaN where never observed or outside of the box."""
-    shape, spectrum = asked.model.place.cells.shape, asked.model.spectrum
+    shape, spectrum = asked.model.location.cells.shape, asked.model.spectrum
     if asked.query.bbox is None:
         return predict(spectrum, asked.query.time, threads=ctx.settings.update_threads).reshape(shape)
     grid = np.full(spectrum.n_cells, np.nan, np.float32)
@@ -160,7 +160,7 @@ def _asked_for(ctx: Context, asked: Asked) -> tuple[NDArray[np.int64], NDArray[n
     if query.bbox is None:
         return _known(predict(spectrum, query.time, threads=ctx.settings.update_threads))
     cell = known(spectrum)
-    cell = cell[_box(asked.model.place, query.bbox, cell)]
+    cell = cell[_box(asked.model.location, query.bbox, cell)]
     return cell, predict(spectrum, query.time, cell)
 
 
@@ -173,15 +173,15 @@ def _known(probability: NDArray[np.float32]) -> tuple[NDArray[np.int64], NDArray
     return cell, probability[cell]
 
 
-def _box(place: LocationRecord, bbox: tuple[float, ...], cell: NDArray[np.int64]) -> NDArray[np.bool_]:
-    if place.grid is None:
+def _box(location: LocationRecord, bbox: tuple[float, ...], cell: NDArray[np.int64]) -> NDArray[np.bool_]:
+    if location.grid is None:
         raise InvalidInputError.at("bbox", "a location of kind 'state' has no extent; leave bbox out")
-    return place.grid.inside(bbox, cell)
+    return location.grid.inside(bbox, cell)
 
 
-def _start(place: LocationRecord, sample: NDArray[np.int64]) -> NDArray[np.float64]:
+def _start(location: LocationRecord, sample: NDArray[np.int64]) -> NDArray[np.float64]:
     """The times of samples, NaN for NEVER."""
-    return np.where(sample == NEVER, np.nan, place.base.time(np.where(sample == NEVER, 0, sample)))
+    return np.where(sample == NEVER, np.nan, location.base.time(np.where(sample == NEVER, 0, sample)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -229,7 +229,7 @@ def predict_at(
         raise InvalidInputError.at(
             "time", f"{n_points} values are more than {ctx.settings.max_points}; ask for fewer times or cells"
         )
-    confidence = model.place.confidence if query.confidence is None else query.confidence
+    confidence = model.location.confidence if query.confidence is None else query.confidence
     time = np.asarray(query.time, np.float64)
     probability = predict_in_blocks(model.spectrum, time, cell, check)
     return PredictionView(
@@ -257,19 +257,19 @@ def predict_in_blocks(
 
 
 def _cells(model: Fitted, cells: list[int] | None) -> NDArray[np.int64]:
-    n_cells = model.place.n_cells
+    n_cells = model.location.n_cells
     if cells is None:
         return np.arange(n_cells)
     for cell in cells:
-        check_cell(model.place, cell)
+        check_cell(model.location, cell)
     model.check_readable(cells)
     return np.asarray(cells, np.int64)
 
 
-def check_cell(place: LocationRecord, cell: int) -> None:
+def check_cell(location: LocationRecord, cell: int) -> None:
     """Raises CellNotFoundError."""
-    if not 0 <= cell < place.n_cells:
-        raise CellNotFoundError(cell, place.n_cells)
+    if not 0 <= cell < location.n_cells:
+        raise CellNotFoundError(cell, location.n_cells)
 
 
 def state_or_unknown(probability: NDArray[np.float32], confidence: float) -> NDArray[np.uint8]:

@@ -47,24 +47,24 @@ def series(ctx: Context, name: str, query: SeriesQuery = WHOLE, check: Callable[
     CorruptChunkError, InvalidInputError.
     """
     with ctx.store.read() as work:
-        place = work.locations.get(name)
+        location = work.locations.get(name)
     cell = query.cell
-    check_cell(place, cell)
-    first, last = window(ctx, place)
-    start = float(place.base.time(first)) if query.start is None else query.start
-    stop = float(place.base.time(last)) if query.stop is None else query.stop
-    time = _times(ctx, start, stop, place.interval_s if query.step is None else query.step)
+    check_cell(location, cell)
+    first, last = window(ctx, location)
+    start = float(location.base.time(first)) if query.start is None else query.start
+    stop = float(location.base.time(last)) if query.stop is None else query.stop
+    time = _times(ctx, start, stop, location.interval_s if query.step is None else query.step)
     probability = np.full(len(time), np.nan, np.float32)
     revision = 0
-    if place.revision:
+    if location.revision:
         model = fitted(ctx, name)
         model.check_readable([cell])
         probability, revision = (
             predict_in_blocks(model.spectrum, time, np.array([cell]), check)[0],
             model.revision.revision,
         )
-    observed = _observed_at(ctx, place, cell, time)
-    return SeriesView(cell, time, probability, state_or_unknown(probability, place.confidence), observed, revision)
+    observed = _observed_at(ctx, location, cell, time)
+    return SeriesView(cell, time, probability, state_or_unknown(probability, location.confidence), observed, revision)
 
 
 def _times(ctx: Context, start: float, stop: float, step: float) -> NDArray[np.float64]:
@@ -77,13 +77,13 @@ def _times(ctx: Context, start: float, stop: float, step: float) -> NDArray[np.f
     return np.asarray(start + step * np.arange(int(np.ceil((stop - start) / step))), np.float64)
 
 
-def _observed_at(ctx: Context, place: LocationRecord, cell: int, time: NDArray[np.float64]) -> NDArray[np.uint8]:
-    first, last = window(ctx, place)
-    sample = place.base.sample(time)
+def _observed_at(ctx: Context, location: LocationRecord, cell: int, time: NDArray[np.float64]) -> NDArray[np.uint8]:
+    first, last = window(ctx, location)
+    sample = location.base.sample(time)
     inside = (sample >= first) & (sample < last)
     observed = np.full(len(time), UNOBSERVED, np.uint8)
     if inside.any():
         low, high = int(sample[inside].min()), int(sample[inside].max()) + 1
-        states = read_cell(ctx, place, cell, low, high).states()[0]
+        states = read_cell(ctx, location, cell, low, high).states()[0]
         observed[inside] = states[sample[inside] - low]
     return observed

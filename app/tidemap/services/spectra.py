@@ -24,7 +24,7 @@ class Fitted:
     Cells of the chunks in `damage` look as if never observed.
     """
 
-    place: LocationRecord
+    location: LocationRecord
     loaded: Loaded
 
     @property
@@ -45,7 +45,7 @@ class Fitted:
     @property
     def unavailable(self) -> list[tuple[int, int]]:
         """Ranges [first, stop) of the cells whose spectrum is damaged, ascending."""
-        return self.place.cell_ranges(self.damage)
+        return self.location.cell_ranges(self.damage)
 
     def check_readable(self, cells: ArrayLike) -> None:
         """Raises CorruptChunkError where one of the cells is unavailable."""
@@ -62,24 +62,24 @@ def fitted(
     Raises LocationNotFoundError, NoModelError, CorruptChunkError where no chunk of it can be read, UnauthorizedError
     where a claim is not true any more. A refit reads the window's history; its result is cached.
     """
-    place, revision = current_revision(ctx, name, claim)
+    location, revision = current_revision(ctx, name, claim)
     while True:
-        wanted = _wanted(place, revision, estimator, order)
-        key = (place.id, None if wanted.recipe == revision.recipe else wanted.recipe)
-        load = partial(_load, ctx, place, revision, wanted)
+        wanted = _wanted(location, revision, estimator, order)
+        key = (location.id, None if wanted.recipe == revision.recipe else wanted.recipe)
+        load = partial(_load, ctx, location, revision, wanted)
         try:
-            return Fitted(place, ctx.spectra.get(key, revision.revision, load))
+            return Fitted(location, ctx.spectra.get(key, revision.revision, load))
         except CorruptChunkError:
             before = revision
-            place, revision = current_revision(ctx, name)
+            location, revision = current_revision(ctx, name)
             if revision.revision == before.revision:
                 raise
-            # An update took its place, and its chunks away, before they were loaded.
+            # An update took its location, and its chunks away, before they were loaded.
 
 
-def held(ctx: Context, place: LocationRecord) -> Spectrum | None:
+def held(ctx: Context, location: LocationRecord) -> Spectrum | None:
     """The spectrum of the location's revision where the cache has it: what it costs is one look."""
-    loaded = ctx.spectra.held((place.id, None), place.revision)
+    loaded = ctx.spectra.held((location.id, None), location.revision)
     return None if loaded is None else loaded.spectrum
 
 
@@ -88,60 +88,60 @@ def current_revision(ctx: Context, name: str, claim: Claim | None = None) -> tup
     with ctx.store.read() as work:
         if claim is not None:
             confirm(work, claim)
-        place = work.locations.get(name)
-        loaded = ctx.spectra.held((place.id, None), place.revision)
-        revision = work.spectra.get(place.id, place.revision) if loaded is None else loaded.revision
+        location = work.locations.get(name)
+        loaded = ctx.spectra.held((location.id, None), location.revision)
+        revision = work.spectra.get(location.id, location.revision) if loaded is None else loaded.revision
     if revision is None:
         raise NoModelError(name)
-    return place, revision
+    return location, revision
 
 
 def _wanted(
-    place: LocationRecord, revision: RevisionRecord, estimator: str | None, order: int | None
+    location: LocationRecord, revision: RevisionRecord, estimator: str | None, order: int | None
 ) -> RevisionRecord:
     """The revision as if it had been fitted with this estimator and order."""
     if estimator is None and order is None:
         return revision
-    return replace(revision, recipe=recipe_for(place, revision, estimator or revision.estimator, order))
+    return replace(revision, recipe=recipe_for(location, revision, estimator or revision.estimator, order))
 
 
-def recipe_for(place: LocationRecord, revision: RevisionRecord, estimator: str, order: int | None) -> Recipe:
+def recipe_for(location: LocationRecord, revision: RevisionRecord, estimator: str, order: int | None) -> Recipe:
     """How to fit a location by some estimator: as its revision does where that has the same."""
     if estimator == "static":
-        return Recipe(estimator, 0, place.time_zone)
+        return Recipe(estimator, 0, location.time_zone)
     if estimator == revision.estimator:
         return revision.recipe if order is None else replace(revision.recipe, order=order)
-    return Recipe(estimator, DEFAULT_ORDER[estimator] if order is None else order, place.time_zone)
+    return Recipe(estimator, DEFAULT_ORDER[estimator] if order is None else order, location.time_zone)
 
 
 DEFAULT_ORDER = {"fft": 3, "calendar": ORDER}
 """Order of another estimator than the revision's when none is asked for; of `fft` the paper's best for prediction."""
 
 
-def _load(ctx: Context, place: LocationRecord, stored: RevisionRecord, wanted: RevisionRecord) -> Loaded:
+def _load(ctx: Context, location: LocationRecord, stored: RevisionRecord, wanted: RevisionRecord) -> Loaded:
     if wanted.recipe == stored.recipe:
-        return _stored(ctx, place, stored)
+        return _stored(ctx, location, stored)
     if wanted.estimator == stored.estimator == "fft" and wanted.order < stored.order:
-        whole = _stored(ctx, place, stored)
+        whole = _stored(ctx, location, stored)
         return Loaded(wanted, truncate(whole.spectrum, wanted.order), whole.damage)
-    known, part = window(ctx, place), (stored.start, stored.stop)
+    known, part = window(ctx, location), (stored.start, stored.stop)
 
     def fit(chunk: int) -> Spectrum:
-        return fit_part(read_history(ctx, place, chunk, *known), wanted.recipe, place.base, part)
+        return fit_part(read_history(ctx, location, chunk, *known), wanted.recipe, location.base, part)
 
-    return _whole(ctx, place, wanted, fit)
+    return _whole(ctx, location, wanted, fit)
 
 
-def _stored(ctx: Context, place: LocationRecord, revision: RevisionRecord) -> Loaded:
+def _stored(ctx: Context, location: LocationRecord, revision: RevisionRecord) -> Loaded:
     with ctx.store.read() as work:
-        return _whole(ctx, place, revision, lambda chunk: work.spectra.chunk(place, revision.revision, chunk))
+        return _whole(ctx, location, revision, lambda chunk: work.spectra.chunk(location, revision.revision, chunk))
 
 
-def _whole(ctx: Context, place: LocationRecord, revision: RevisionRecord, read: Callable[[int], Spectrum]) -> Loaded:
+def _whole(ctx: Context, location: LocationRecord, revision: RevisionRecord, read: Callable[[int], Spectrum]) -> Loaded:
     """The spectra of all chunks as one, blank where a chunk is damaged. CorruptChunkError where all are."""
     parts: dict[int, Spectrum] = {}
     damage: dict[int, CorruptChunkError] = {}
-    for chunk in range(place.n_chunks):
+    for chunk in range(location.n_chunks):
         try:
             parts[chunk] = read(chunk)
         except CorruptChunkError as error:
@@ -149,6 +149,6 @@ def _whole(ctx: Context, place: LocationRecord, revision: RevisionRecord, read: 
     if not parts:
         raise damage[0]
     for chunk, found in damage.items():
-        ctx.damage.found(place.id, found)
-        parts[chunk] = blank(next(iter(parts.values())), place.chunk_size(chunk))
-    return Loaded(revision, concatenate([parts[chunk] for chunk in range(place.n_chunks)]), damage)
+        ctx.damage.found(location.id, found)
+        parts[chunk] = blank(next(iter(parts.values())), location.chunk_size(chunk))
+    return Loaded(revision, concatenate([parts[chunk] for chunk in range(location.n_chunks)]), damage)

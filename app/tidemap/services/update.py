@@ -48,11 +48,11 @@ def run_update(
     can be read, ShuttingDownError when the executor is closed.
     """
     with ctx.store.read() as work:
-        place = work.locations.by_id(location_id)
-    compact(ctx, place, executor.check)
-    forget(ctx, place)
+        location = work.locations.by_id(location_id)
+    compact(ctx, location, executor.check)
+    forget(ctx, location)
     progress(0.1)
-    plan, tried = _plan(ctx, place, request, executor.check)
+    plan, tried = _plan(ctx, location, request, executor.check)
     fits = _fit_chunks(ctx, plan, executor, progress)
     record = _revision(ctx, plan, tried, _accuracy(fits))
 
@@ -60,14 +60,14 @@ def run_update(
         work.spectra.publish(record)
         also(work, record)
 
-    ctx.store.write(publish, lambda _: ctx.places.forget())
-    ctx.spectra.drop(lambda key: isinstance(key, tuple) and key[0] == plan.place.id)
+    ctx.store.write(publish, lambda _: ctx.locations.forget())
+    ctx.spectra.drop(lambda key: isinstance(key, tuple) and key[0] == plan.location.id)
     return record
 
 
 def _fit_chunks(ctx: Context, plan: Plan, executor: Executor, progress: Callable[[float], None]) -> list[ChunkFit]:
     """Fit and store every chunk that can be read. Raises CorruptChunkError where none can."""
-    n_chunks = plan.place.n_chunks
+    n_chunks = plan.location.n_chunks
     tasks = [UpdateTask(plan, chunk, ctx.term) for chunk in range(n_chunks)]
     fits: list[ChunkFit] = []
     damage: list[CorruptChunkError] = []
@@ -80,7 +80,7 @@ def _fit_chunks(ctx: Context, plan: Plan, executor: Executor, progress: Callable
     if not fits:
         raise damage[0]
     if not damage:
-        ctx.damage.forget(plan.place.id)
+        ctx.damage.forget(plan.location.id)
     return fits
 
 
@@ -95,16 +95,16 @@ def _plan(
 ) -> tuple[Plan, Choice | None]:
     """The plan of an update of what had come in `before`, and how `auto` chose; what came in since waits."""
     with ctx.store.read() as work:
-        place = _limited(work.locations.by_id(before.id), before)
-        number = work.spectra.next_number(place.id)
-    history = window(ctx, place)
-    asked = _asked_samples(place, history, request)
-    selection = _select(ctx, place, asked, request, check)
+        location = _limited(work.locations.by_id(before.id), before)
+        number = work.spectra.next_number(location.id)
+    history = window(ctx, location)
+    asked = _asked_samples(location, history, request)
+    selection = _select(ctx, location, asked, request, check)
     start, stop = asked
     if selection.estimator == "fft" and request.start is None and request.stop is None:
-        start, stop = fit_window(start, stop, place.interval_s)
+        start, stop = fit_window(start, stop, location.interval_s)
     tried = selection if selection.reason else None
-    return Plan(place, number, selection.recipe, start, stop, history), tried
+    return Plan(location, number, selection.recipe, start, stop, history), tried
 
 
 def _limited(now: LocationRecord, before: LocationRecord) -> LocationRecord:
@@ -120,40 +120,42 @@ def _limited(now: LocationRecord, before: LocationRecord) -> LocationRecord:
     )
 
 
-def _asked_samples(place: LocationRecord, history: tuple[int, int], request: UpdateRequest) -> tuple[int, int]:
+def _asked_samples(location: LocationRecord, history: tuple[int, int], request: UpdateRequest) -> tuple[int, int]:
     """The part of the history to learn from, by default all of it."""
     first, last = history
     if last <= first:
-        raise InvalidInputError.at("location", f"{place.name!r} has no observations yet; post some first")
-    start, stop = place.base.clamp(history, request.start, request.stop)
+        raise InvalidInputError.at("location", f"{location.name!r} has no observations yet; post some first")
+    start, stop = location.base.clamp(history, request.start, request.stop)
     if stop <= start:
         raise InvalidInputError.at("stop", "nothing was observed between start and stop; widen the window")
     return start, stop
 
 
 def _select(
-    ctx: Context, place: LocationRecord, samples: tuple[int, int], request: UpdateRequest, check: Callable[[], None]
+    ctx: Context, location: LocationRecord, samples: tuple[int, int], request: UpdateRequest, check: Callable[[], None]
 ) -> Choice:
     """`auto`, within what the request and the location leave open; without a reason where they leave nothing."""
-    estimator = request.estimator or place.estimator
-    order = request.order if request.order is not None else (place.order or "auto")
+    estimator = request.estimator or location.estimator
+    order = request.order if request.order is not None else (location.order or "auto")
     if estimator == "static":
-        return Choice(estimator, 0, (), "", 0, place.time_zone)
+        return Choice(estimator, 0, (), "", 0, location.time_zone)
     if estimator == "fft" and isinstance(order, int):
-        return Choice(estimator, order, (), "", 0, place.time_zone)
+        return Choice(estimator, order, (), "", 0, location.time_zone)
     orders = ORDERS if order == "auto" else (int(order),)
-    sampled = _sample_cells(ctx, place, samples, check)
-    return choose(sampled, place.base, orders, SELECTION_CELLS, place.time_zone, estimator, check)
+    sampled = _sample_cells(ctx, location, samples, check)
+    return choose(sampled, location.base, orders, SELECTION_CELLS, location.time_zone, estimator, check)
 
 
-def _sample_cells(ctx: Context, place: LocationRecord, samples: tuple[int, int], check: Callable[[], None]) -> History:
+def _sample_cells(
+    ctx: Context, location: LocationRecord, samples: tuple[int, int], check: Callable[[], None]
+) -> History:
     """The histories of changing cells, spread evenly over some chunks that can be read."""
-    n_chunks = min(place.n_chunks, SELECTION_CELLS)
+    n_chunks = min(location.n_chunks, SELECTION_CELLS)
     parts = [History.empty(0, samples[0], samples[1] - samples[0])]
-    for chunk in np.linspace(0, place.n_chunks - 1, n_chunks).astype(int).tolist():
+    for chunk in np.linspace(0, location.n_chunks - 1, n_chunks).astype(int).tolist():
         check()
         try:
-            history = read_compacted(ctx, place, chunk, *samples)
+            history = read_compacted(ctx, location, chunk, *samples)
         except CorruptChunkError:
             continue
         occupied = history.count_occupied()
@@ -170,13 +172,13 @@ def _sample_cells(ctx: Context, place: LocationRecord, samples: tuple[int, int],
 
 def _revision(ctx: Context, plan: Plan, tried: Choice | None, accuracy: float | None) -> RevisionRecord:
     return RevisionRecord(
-        location_id=plan.place.id,
+        location_id=plan.location.id,
         revision=plan.number,
         recipe=plan.recipe,
         start=plan.start,
         stop=plan.stop,
-        observation_seq=plan.place.observation_seq,
-        measurements=plan.place.measurements,
+        observation_seq=plan.location.observation_seq,
+        measurements=plan.location.measurements,
         accuracy=accuracy,
         updated_at=ctx.clock(),
         selection=None if tried is None else _wire(tried),

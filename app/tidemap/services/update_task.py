@@ -33,7 +33,7 @@ class Executor(Protocol):
 class Plan:
     """What to fit. Samples [start, stop) are fitted; outliers are counted over `history`, samples [first, last)."""
 
-    place: LocationRecord
+    location: LocationRecord
     number: int
     recipe: Recipe
     start: int
@@ -63,18 +63,18 @@ def run_task(ctx: Context, task: UpdateTask) -> ChunkFit | CorruptChunkError:
 
     To run a task again stores the same bytes. Raises NotLeaderError, storing nothing, once the task's term is over.
     """
-    place, plan = task.plan.place, task.plan
+    location, plan = task.plan.location, task.plan
     try:
-        history = read_compacted(ctx, place, task.chunk, *plan.history)
+        history = read_compacted(ctx, location, task.chunk, *plan.history)
     except CorruptChunkError as error:
         return error.with_traceback(None)
-    spectrum = fit_part(history, plan.recipe, place.base, (plan.start, plan.stop))
+    spectrum = fit_part(history, plan.recipe, location.base, (plan.start, plan.stop))
 
     def store(work: Work) -> None:
         if task.term is not None:
             work.terms.confirm(task.term)
-        work.spectra.put_chunk(place.id, plan.number, task.chunk, spectrum)
+        work.spectra.put_chunk(location.id, plan.number, task.chunk, spectrum)
 
     ctx.store.write(store)
-    outliers = count_outliers(spectrum, history, place.base)
+    outliers = count_outliers(spectrum, history, location.base)
     return ChunkFit(int(outliers.sum()), int(history.count_observed().sum()))

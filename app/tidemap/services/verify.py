@@ -7,7 +7,7 @@ from functools import partial
 from sqlalchemy.exc import DBAPIError
 
 from tidemap.errors import DatabaseUnusableError
-from tidemap.services.checks import Tally, check_location, place_of
+from tidemap.services.checks import Tally, check_location, location_of
 from tidemap.storage.inspection import Inspection, Snapshot, inspect
 
 
@@ -20,8 +20,8 @@ class Finding:
     what: str
 
     def __str__(self) -> str:
-        place = "" if self.location is None else f"location {self.location!r}, "
-        return f"{place}{self.where}: {self.what}"
+        location = "" if self.location is None else f"location {self.location!r}, "
+        return f"{location}{self.where}: {self.what}"
 
 
 def verify(
@@ -80,9 +80,9 @@ def _location(snapshot: Snapshot, number: int, tally: Tally) -> Iterator[Finding
         return
     tally.locations += 1
     try:
-        place = place_of(row)
+        location = location_of(row)
     except ValueError as error:
         yield Finding(row.name, "settings", str(error))
         return
-    for where, what in check_location(snapshot, place, tally):
-        yield Finding(place.name, where, what)
+    for where, what in check_location(snapshot, location, tally):
+        yield Finding(location.name, where, what)

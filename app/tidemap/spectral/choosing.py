@@ -65,22 +65,22 @@ def top_k(
                 continue
             for k in range(first, first + CHUNK):
                 if key[k] > best[order - 1]:
-                    place = order - 1
-                    while place > 0 and best[place - 1] < key[k]:
-                        best[place] = best[place - 1]
-                        index[row, place] = index[row, place - 1]
-                        place -= 1
-                    best[place] = key[k]
-                    index[row, place] = k
-        for place in range(order):
-            if best[place] > 0:
-                k = index[row, place]
+                    location = order - 1
+                    while location > 0 and best[location - 1] < key[k]:
+                        best[location] = best[location - 1]
+                        index[row, location] = index[row, location - 1]
+                        location -= 1
+                    best[location] = key[k]
+                    index[row, location] = k
+        for location in range(order):
+            if best[location] > 0:
+                k = index[row, location]
                 factor = scale[row] * np.float32(0.5 if nyquist and k == n_bins - 1 else 1.0)
-                coefficient[row, place] = bins[row, k] * factor
+                coefficient[row, location] = bins[row, k] * factor
 
 
 @kernel
 def mark(index: NDArray[np.int32], used: NDArray[np.bool_]) -> None:
     for row in range(index.shape[0]):
-        for place in range(index.shape[1]):
-            used[index[row, place]] = True
+        for location in range(index.shape[1]):
+            used[index[row, location]] = True

@@ -55,9 +55,9 @@ class Tally:
         q = np.clip(p, LOG_LOSS_FLOOR, 1 - LOG_LOSS_FLOOR)
         wrong = np.count_nonzero((p > self._confidence) != (s == 1))
         self._sums += (wrong, np.sum((p - s) ** 2), -np.sum(np.log(np.where(s == 1, q, 1 - q))))
-        place = np.minimum((p * self._bins).astype(np.int64), self._bins - 1)
+        location = np.minimum((p * self._bins).astype(np.int64), self._bins - 1)
         for row, weights in enumerate((None, p, s)):
-            self._table[row] += np.bincount(place, weights, self._bins)
+            self._table[row] += np.bincount(location, weights, self._bins)
         self.n += p.size
 
     def scores(self) -> Scores:

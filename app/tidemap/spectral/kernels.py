@@ -22,8 +22,8 @@ GATHER_BITS = np.uint64(0x0102040810204080)
 def summed(index: Any, coefficient: Any, phasor: Any) -> Any:
     """Re Σ coefficient · phasor[index] of one cell; its two parts are summed apart, which makes one step of both."""
     real, imaginary = np.float32(0), np.float32(0)
-    for place in range(index.size):
-        wave, value = phasor[index[place]], coefficient[place]
+    for column in range(index.size):
+        wave, value = phasor[index[column]], coefficient[column]
         real += value.real * wave.real
         imaginary += value.imag * wave.imag
     return real - imaginary
@@ -159,8 +159,8 @@ def add_waves_over_time(
 ) -> None:
     """out[cell, :] += Re Σ coefficient · phasor[index, :]; phasor (n_waves, n_times)."""
     for row in range(cell.size):
-        for place in range(index.shape[1]):
-            wave, value = index[row, place], coefficient[row, place]
+        for column in range(index.shape[1]):
+            wave, value = index[row, column], coefficient[row, column]
             for time in range(out.shape[1]):
                 turn = phasor[wave, time]
                 out[cell[row], time] += value.real * turn.real - value.imag * turn.imag
@@ -212,25 +212,25 @@ def threshold_blocks(
     packed = over.view(np.uint64)
     limit = np.float32(threshold)
     for row in range(cell.size):
-        for place in range(order):
-            which, value = index[row, place], coefficient[row, place]
-            wave[place] = offset[which]
+        for column in range(order):
+            which, value = index[row, column], coefficient[row, column]
+            wave[column] = offset[which]
             for block in range(n_blocks):
-                real[place, block], imag[place, block] = complex_product(value, anchor[which, block])
+                real[column, block], imag[column, block] = complex_product(value, anchor[which, block])
         for block in range(n_blocks):
             even[:] = mean[cell[row]]
             odd[:] = np.float32(0)
-            for place in range(0, padded, 4):
-                a, b = real[place, block], real[place + 1, block]
-                c, d = real[place + 2, block], real[place + 3, block]
-                e, f = imag[place, block], imag[place + 1, block]
-                g, h = imag[place + 2, block], imag[place + 3, block]
+            for column in range(0, padded, 4):
+                a, b = real[column, block], real[column + 1, block]
+                c, d = real[column + 2, block], real[column + 3, block]
+                e, f = imag[column, block], imag[column + 1, block]
+                g, h = imag[column + 2, block], imag[column + 3, block]
                 for x in range(HALF):
-                    even[x] += (a * wave[place, x] + b * wave[place + 1, x]) + (
-                        c * wave[place + 2, x] + d * wave[place + 3, x]
+                    even[x] += (a * wave[column, x] + b * wave[column + 1, x]) + (
+                        c * wave[column + 2, x] + d * wave[column + 3, x]
                     )
-                    odd[x] += (e * wave[place, HALF + x] + f * wave[place + 1, HALF + x]) + (
-                        g * wave[place + 2, HALF + x] + h * wave[place + 3, HALF + x]
+                    odd[x] += (e * wave[column, HALF + x] + f * wave[column + 1, HALF + x]) + (
+                        g * wave[column + 2, HALF + x] + h * wave[column + 3, HALF + x]
                     )
             for x in range(HALF):
                 over[HALF + x] = even[x] + odd[x] > limit

@@ -127,7 +127,7 @@ def unpack_json(blob: bytes, what: str) -> Any:
 def pack_segment(segment: Segment) -> bytes:
     """What repeats is stored once: of the observed plane the distinct rows of cells, and of those the distinct samples.
 
-    What a robot sees from one place are always the same cells. The occupied plane is told by a state that stands
+    What a robot sees from one location are always the same cells. The occupied plane is told by a state that stands
     until another is observed, so that cells which alike are always free are alike, whenever they were observed.
     ValueError where something is occupied that was not observed: that has no stored form.
     """
@@ -141,7 +141,7 @@ def pack_segment(segment: Segment) -> bytes:
         "row": narrow(row),
         "state": state,
         "stands": narrow(stands),
-        "time": _off_line(segment.time, _places(seen, sample, len(segment.time))),
+        "time": _off_line(segment.time, _locations(seen, sample, len(segment.time))),
     }
     if segment.rank is not None:
         columns["rank"] = narrow(segment.rank)
@@ -157,13 +157,13 @@ def unpack_segment(blob: bytes, number: int, what: str) -> Segment:
     occupied = columns["state"][columns["stands"]]
     occupied &= observed
     off = columns["time"]
-    time = _on_line(off, _places(seen, sample, max(0, len(off) - LINE)))
+    time = _on_line(off, _locations(seen, sample, max(0, len(off) - LINE)))
     rank = columns.get("rank")
     history = History(number * SEGMENT_SAMPLES, SEGMENT_SAMPLES, observed, occupied)
     return Segment(history, time, None if rank is None else rank.astype(np.uint16))
 
 
-def _places(seen: NDArray[np.uint8], sample: NDArray[Any], n_times: int) -> NDArray[np.int64]:
+def _locations(seen: NDArray[np.uint8], sample: NDArray[Any], n_times: int) -> NDArray[np.int64]:
     """Where on their line the times are expected: at the observed samples, one after the other if some hold several."""
     observed = np.flatnonzero(np.any(seen, axis=1).take(sample))
     return observed if len(observed) == n_times else np.arange(n_times)

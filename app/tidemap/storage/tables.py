@@ -31,7 +31,7 @@ def _location_id() -> Column[int]:
     return Column("location_id", BigInt, ForeignKey("location.id", ondelete="CASCADE"), primary_key=True)
 
 
-# One row a place. `observation_seq` numbers its observations in commit order; those up to `compacted_seq` are in
+# One row a location. `observation_seq` numbers its observations in commit order; those up to `compacted_seq` are in
 # `history`, later ones (the log's tail) still carry their payload.
 location = Table(
     "location",

@@ -81,20 +81,21 @@ class Compactor:
         # Before they are counted: what comes in meanwhile is rather counted twice than not at all.
         self._come_in = 0
         with self._ctx.store.read() as work:
-            places, waiting = work.locations.list(), work.observations.waiting()
-        long = [place for place in places if is_long(place, waiting.get(place.id, 0))]
-        self._waiting = sum(waiting.get(place.id, 0) for place in self._moving(long))
+            locations, waiting = work.locations.list(), work.observations.waiting()
+        long = [location for location in locations if is_long(location, waiting.get(location.id, 0))]
+        self._waiting = sum(waiting.get(location.id, 0) for location in self._moving(long))
         if (term := self._election.term) is not None:
-            self._work(term, [place for place in long if self._retries.due(place.id)])
+            self._work(term, [location for location in long if self._retries.due(location.id)])
 
     def _moving(self, long: list[LocationRecord]) -> list[LocationRecord]:
         """Of locations with long logs those that posts wait for: where compaction fails that would be in vain."""
         now, stood = time.monotonic(), self._stood
-        self._stood = {key: stood.get(key, now) for key in ((place.id, place.compacted_seq) for place in long)}
+        self._stood = {key: stood.get(key, now) for key in ((location.id, location.compacted_seq) for location in long)}
         return [
-            place
-            for place in long
-            if not self._retries.fails(place.id) and now - self._stood[place.id, place.compacted_seq] < STALLED_S
+            location
+            for location in long
+            if not self._retries.fails(location.id)
+            and now - self._stood[location.id, location.compacted_seq] < STALLED_S
         ]
 
     def _work(self, term: LeaderTerm, long: list[LocationRecord]) -> None:
@@ -104,18 +105,18 @@ class Compactor:
             self._worker.check()
             term.check()
 
-        self._worker.for_each(long, lambda place: self._compact(ctx, place, check))
+        self._worker.for_each(long, lambda location: self._compact(ctx, location, check))
         self._prune(ctx, check)
 
-    def _compact(self, ctx: Context, place: LocationRecord, check: Callable[[], None]) -> None:
+    def _compact(self, ctx: Context, location: LocationRecord, check: Callable[[], None]) -> None:
         try:
-            compact(ctx, place, check)
+            compact(ctx, location, check)
         except BusyError:
             raise
         except Exception:
-            self._retries.failed(place.id)
+            self._retries.failed(location.id)
             raise
-        self._retries.worked(place.id)
+        self._retries.worked(location.id)
 
     def _prune(self, ctx: Context, check: Callable[[], None]) -> None:
         now = ctx.clock()
@@ -125,9 +126,9 @@ class Compactor:
                 log.info("%d rows of old posts and jobs were pruned", pruned)
 
 
-def is_long(place: LocationRecord, waiting: int) -> bool:
+def is_long(location: LocationRecord, waiting: int) -> bool:
     """Whether a location's log is to be compacted, of which so many measurements wait."""
-    return place.observation_seq - place.compacted_seq >= COMPACT_POSTS or waiting >= COMPACT_MEASUREMENTS
+    return location.observation_seq - location.compacted_seq >= COMPACT_POSTS or waiting >= COMPACT_MEASUREMENTS
 
 
 def slowed_s(waiting: int) -> float:

@@ -85,25 +85,27 @@ class Updater:
     def _look_around(self, ctx: Context) -> None:
         self._looked = time.monotonic()
         with ctx.store.read() as work:
-            places, revisions = work.locations.list(), work.spectra.current()
-        self._worker.for_each(places, lambda place: self._ask_for_update(ctx, place, revisions.get(place.id)))
+            locations, revisions = work.locations.list(), work.spectra.current()
+        self._worker.for_each(
+            locations, lambda location: self._ask_for_update(ctx, location, revisions.get(location.id))
+        )
 
-    def _ask_for_update(self, ctx: Context, place: LocationRecord, revision: RevisionRecord | None) -> None:
+    def _ask_for_update(self, ctx: Context, location: LocationRecord, revision: RevisionRecord | None) -> None:
         now = ctx.clock()
-        rested = now - self._asked.get(place.id, -math.inf) >= ctx.settings.update_rest_s
-        if rested and self._retries.due(place.id) and is_due(ctx, place, revision):
-            self._asked[place.id] = now
-            request_update(ctx, place.name, UpdateRequest())
+        rested = now - self._asked.get(location.id, -math.inf) >= ctx.settings.update_rest_s
+        if rested and self._retries.due(location.id) and is_due(ctx, location, revision):
+            self._asked[location.id] = now
+            request_update(ctx, location.name, UpdateRequest())
 
 
-def is_due(ctx: Context, place: LocationRecord, revision: RevisionRecord | None) -> bool:
+def is_due(ctx: Context, location: LocationRecord, revision: RevisionRecord | None) -> bool:
     """Whether the history has grown enough since the last update, or for the first one."""
     settings = ctx.settings
-    if place.first_time is None or place.last_time is None:
+    if location.first_time is None or location.last_time is None:
         return False
     if revision is None:
-        return (place.last_time - place.first_time) / place.interval_s >= settings.update_samples
-    grown = place.measurements - revision.measurements
+        return (location.last_time - location.first_time) / location.interval_s >= settings.update_samples
+    grown = location.measurements - revision.measurements
     age_s = ctx.clock() - revision.updated_at
     enough = grown >= settings.update_growth * revision.measurements or (grown and age_s >= settings.update_latest_s)
     return bool(enough) and age_s >= settings.update_rest_s

@@ -59,18 +59,18 @@ class Worker:
         """Whether it is at work."""
         return self._thread.is_alive()
 
-    def for_each(self, places: Iterable[LocationRecord], care: Callable[[LocationRecord], None]) -> None:
+    def for_each(self, locations: Iterable[LocationRecord], care: Callable[[LocationRecord], None]) -> None:
         """Care for locations one after the other; one that cannot be cared for keeps no other from it."""
-        for place in places:
+        for location in locations:
             self.check()
             try:
-                care(place)
+                care(location)
             except BusyError:
                 raise
             except TidemapError as error:
-                log.warning("location %s: %s", place.name, error)
+                log.warning("location %s: %s", location.name, error)
             except Exception:
-                log.exception("location %s: its care failed", place.name)
+                log.exception("location %s: its care failed", location.name)
 
     def _loop(self) -> None:
         while not self._stopping.is_set():

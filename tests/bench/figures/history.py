@@ -33,8 +33,8 @@ def measure() -> Figure:
             server.stop()
         path = server.data / "tidemap.db"
         with opened(f"sqlite:///{path}") as ctx:
-            places = [find_location(ctx, name) for name in FORMS]
-            measurements = sum(place.measurements for place in places)
+            locations = [find_location(ctx, name) for name in FORMS]
+            measurements = sum(location.measurements for location in locations)
             floor = sum(bare(ctx, name) for name in FORMS) / measurements
         size = path.stat().st_size
         details: dict[str, float | int | str] = {"measurements": measurements, "file_kb": round(size / 1e3)}
@@ -45,8 +45,8 @@ def measure() -> Figure:
 
 def bare(ctx: Context, name: str) -> int:
     """Bytes of the two planes of all chunks, one after the other, compressed at once."""
-    place = find_location(ctx, name)
-    chunks = [read_history(ctx, place, chunk, *window(ctx, place)) for chunk in range(place.n_chunks)]
+    location = find_location(ctx, name)
+    chunks = [read_history(ctx, location, chunk, *window(ctx, location)) for chunk in range(location.n_chunks)]
     planes = [plane.ravel() for chunk in chunks for plane in (chunk.observed, chunk.occupied)]
     return len(zstandard.ZstdCompressor(level=19).compress(np.concatenate(planes).tobytes()))
 

@@ -35,10 +35,10 @@ def measure(shape: tuple[int, ...] = million.SHAPE) -> Figure:
             spectrum = fitted(ctx, million.NAME)
         with opened(url, history_cache_bytes=0) as ctx:
             series(ctx, million.NAME)
-            numbers = iter(range(0, spectrum.place.n_cells, spectrum.place.n_cells // 50))
+            numbers = iter(range(0, spectrum.location.n_cells, spectrum.location.n_cells // 50))
             one = min(seconds(lambda: series(ctx, million.NAME, SeriesQuery(next(numbers)))) for _ in range(40))
         details: dict[str, float | int | str] = {
-            "cells": spectrum.place.n_cells,
+            "cells": spectrum.location.n_cells,
             "samples": million.N_SAMPLES,
             "estimator": spectrum.revision.estimator,
             "goal_ms": 500,

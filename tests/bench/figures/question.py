@@ -41,12 +41,12 @@ def prepare(ctx: Context, shape: tuple[int, ...]) -> None:
     """A location with a revision: a tenth of its cells have 15 components of a week, the others a mean."""
     grid = {"frame": "map", "origin": [0.0, 0.0, 0.0], "resolution_m": 0.1, "shape": list(shape)}
     create_location(ctx, LocationForm(name=NAME, kind="grid3d", interval_s=300.0, estimator="fft", order=15, grid=grid))
-    place = find_location(ctx, NAME)
+    location = find_location(ctx, NAME)
     random = np.random.default_rng(2)
     for chunk, first in enumerate(range(0, prod(shape), CHUNK_CELLS)):
         part = some(random, min(CHUNK_CELLS, prod(shape) - first))
-        ctx.store.write(lambda work, chunk=chunk, part=part: work.spectra.put_chunk(place.id, 1, chunk, part))
-    record = RevisionRecord(place.id, 1, Recipe("fft", ORDER, "UTC"), 0, 2016, 0, 0, None, 0.0, None)
+        ctx.store.write(lambda work, chunk=chunk, part=part: work.spectra.put_chunk(location.id, 1, chunk, part))
+    record = RevisionRecord(location.id, 1, Recipe("fft", ORDER, "UTC"), 0, 2016, 0, 0, None, 0.0, None)
     ctx.store.write(lambda work: work.spectra.publish(record))
 
 

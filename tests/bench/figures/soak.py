@@ -28,7 +28,7 @@ from tidemap.formats.arrow import ARROW
 BY_NAME = True
 ROBOTS, READERS, STEP_S, LOOK_S = 16, 2, 1.0, 30.0
 START = time.time() // lab.DAY_S * lab.DAY_S - 100 * lab.DAY_S
-PLACE = f"/api/v1/locations/{lab.NAME}"
+LOCATION = f"/api/v1/locations/{lab.NAME}"
 ENVIRONMENT = {
     "TIDEMAP_VIEWER": "false",
     "TIDEMAP_LOG_LEVEL": "warning",
@@ -110,7 +110,7 @@ def _looks() -> Iterator[bytes]:
     while True:
         number += 1
         body = lab.seen(START + number * LOOK_S)
-        yield request("POST", f"{PLACE}/observations", body, content_type=ARROW, idempotency_key=f"{number:032x}")
+        yield request("POST", f"{LOCATION}/observations", body, content_type=ARROW, idempotency_key=f"{number:032x}")
 
 
 def _questions() -> Iterator[bytes]:
@@ -118,9 +118,9 @@ def _questions() -> Iterator[bytes]:
     while True:
         number += 1
         cell = lab.CELLS[number * STRIDE % lab.CELLS.size]
-        yield request("GET", f"{PLACE}/state?time={START + number}", accept=ARROW)
+        yield request("GET", f"{LOCATION}/state?time={START + number}", accept=ARROW)
         yield request("GET", f"/api/v1/anomalies?after={number}")
-        yield request("GET", f"{PLACE}/series?cell={cell}&step=300")
+        yield request("GET", f"{LOCATION}/series?cell={cell}&step=300")
 
 
 async def _watch(server: ServerProcess, path: Path, seen: Seen, until: float) -> None:

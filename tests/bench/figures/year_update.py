@@ -46,7 +46,7 @@ def measure(shape: tuple[int, int, int] = SHAPE) -> Figure:
             started = time.perf_counter()
             with Client(server.url) as client:
                 job = client.location(NAME).update(wait=True)
-                place = client.location(NAME).get()
+                location = client.location(NAME).get()
             took = time.perf_counter() - started
             peak = peak_memory_mb(server.process.pid)
         finally:
@@ -54,7 +54,7 @@ def measure(shape: tuple[int, int, int] = SHAPE) -> Figure:
     details: dict[str, float | int | str] = {
         "state": job.state,
         "cells": int(np.prod(shape)),
-        "samples": int((place.last_time - place.first_time) / INTERVAL_S) + 1 if place.last_time else 0,
+        "samples": int((location.last_time - location.first_time) / INTERVAL_S) + 1 if location.last_time else 0,
         "peak_mb": round(peak - before),
     }
     return Figure(took, floor, 100.0, "s", details)
@@ -65,15 +65,15 @@ def prepare(ctx: Context, shape: tuple[int, int, int]) -> None:
     grid = {"frame": "map", "origin": [0.0, 0.0, 0.0], "resolution_m": 0.1, "shape": list(shape)}
     form = {"name": NAME, "kind": "grid3d", "interval_s": INTERVAL_S, "epoch": 0.0, "grid": grid}
     create_location(ctx, LocationForm(**form, estimator="calendar"))
-    place = find_location(ctx, NAME)
+    location = find_location(ctx, NAME)
     year = year_of_cells(CHUNK_CELLS)
     for number in range(-(-year.n_samples // SEGMENT_SAMPLES)):
         start = number * SEGMENT_SAMPLES
         part = year.window(start, start + SEGMENT_SAMPLES)
         times = np.arange(start, min(year.n_samples, start + SEGMENT_SAMPLES)) * INTERVAL_S
         blob = pack_segment(Segment(part, times, None))
-        some = {(chunk, number): blob for chunk in range(place.n_chunks)}
-        ctx.store.write(lambda work, some=some: work.segments.put(place, some))
+        some = {(chunk, number): blob for chunk in range(location.n_chunks)}
+        ctx.store.write(lambda work, some=some: work.segments.put(location, some))
     for time_s in (0.0, (year.n_samples - 1) * INTERVAL_S):
         observe(ctx, NAME, Post(Body(arrow(look(time_s, np.zeros(0, np.uint32), np.array([1]))), ARROW)))
 

@@ -23,10 +23,10 @@ from tidemap.client.outbox.store import PAGE_BYTES, Store
 from tidemap.client.posting import Batch
 
 MOST = 60
-PLACES = ("/locations/a", "/locations/b")
+LOCATIONS = ("/locations/a", "/locations/b")
 
 
-def batch(path: str = PLACES[0], content: bytes = b"x", key: str = "k") -> Batch:
+def batch(path: str = LOCATIONS[0], content: bytes = b"x", key: str = "k") -> Batch:
     return Batch(path, {"source": "spot"}, "text/plain", content, key, 3)
 
 
@@ -73,7 +73,7 @@ class OutboxModel(RuleBasedStateMachine):
     def put_aside(self) -> list[Row]:
         return [row for row in self.rows if row.status is not None]
 
-    @rule(posts=st.lists(st.tuples(st.sampled_from(PLACES), st.binary(max_size=20)), max_size=4))
+    @rule(posts=st.lists(st.tuples(st.sampled_from(LOCATIONS), st.binary(max_size=20)), max_size=4))
     def put(self, posts: list[tuple[str, bytes]]) -> None:
         new = [batch(path, content, f"{self.made + i}") for i, (path, content) in enumerate(posts)]
         self.made += len(new)
@@ -98,7 +98,7 @@ class OutboxModel(RuleBasedStateMachine):
             self.store.put(broken(), MOST)
 
     @precondition(lambda self: self.waiting())
-    @rule(fate=st.sampled_from(["sent", "failed", "refused"]), but=st.sampled_from([None, *PLACES]))
+    @rule(fate=st.sampled_from(["sent", "failed", "refused"]), but=st.sampled_from([None, *LOCATIONS]))
     def send_the_first(self, fate: str, but: str | None) -> None:
         kept = self.store.first([] if but is None else [but])
         expected = self.waiting(but)
@@ -280,7 +280,7 @@ def test_a_row_that_is_not_the_one_in_the_index_is_found_when_the_file_is_opened
     with closing(Store(path, durable=True)) as store:
         store.put([batch(content=b"1" * 3000, key=str(number)) for number in range(20)], 1 << 20)
     content = path.read_bytes()
-    at = content.rindex(PLACES[0].encode())
+    at = content.rindex(LOCATIONS[0].encode())
     path.write_bytes(content[:at] + b"\0" + content[at + 1 :])
     with pytest.raises(OutboxError, match="damaged"):
         prepare(path)

@@ -73,10 +73,10 @@ def test_what_is_wrong_is_said(content: bytes, kind: str, error: type[TidemapErr
 
 def test_a_wrong_item_is_named_by_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(json_text, "PIECE_BYTES", 8)
-    for document, place in (
+    for document, location in (
         ({"time": [*range(50), "noon"], "state": [1] * 51}, "time[50]"),
         ({"time": [1] * 51, "state": [*[1] * 50, 0.5]}, "state[50]"),
     ):
         with pytest.raises(InvalidInputError) as raised:
             large_json.read(json.dumps(document).encode(), "state", GRID)
-        assert place in str(raised.value)
+        assert location in str(raised.value)

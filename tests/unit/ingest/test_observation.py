@@ -275,12 +275,12 @@ def test_odd_documents_are_parsed_or_refused_in_our_words(document: Any, target:
 
 @given(st.binary(max_size=60), st.integers(0, 10**6), st.sampled_from([STATE, SPACE]))
 @settings(max_examples=300)
-def test_damaged_arrow_is_parsed_or_refused_in_our_words(noise: bytes, place: int, target: Target) -> None:
+def test_damaged_arrow_is_parsed_or_refused_in_our_words(noise: bytes, location: int, target: Target) -> None:
     columns = {"time": TIMES, "cell": pa.array([0, 1, 2, 3], pa.uint32()), "state": [0, 1, 0, 1]}
     if target is STATE:
         del columns["cell"]
     whole = stream(columns)
-    start = place % len(whole)
+    start = location % len(whole)
     content = whole[:start] + noise + whole[start + len(noise) :]
     try:
         measured = rows(parse(Body(content, ARROW), target))

@@ -76,7 +76,7 @@ def test_what_is_forgotten_in_a_circle_comes_back_when_it_is_collected() -> None
     values.borrow("a", 1, never)
 
 
-def test_another_version_is_made_anew_and_takes_the_place_of_the_one_before() -> None:
+def test_another_version_is_made_anew_and_takes_the_location_of_the_one_before() -> None:
     values = lender()
     for version in range(9):
         values.borrow("a", version, make)

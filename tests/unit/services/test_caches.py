@@ -26,7 +26,7 @@ def test_what_is_held_is_not_loaded_again() -> None:
     assert values.get("a", 1, never) == b"x" * 60
 
 
-def test_another_version_takes_the_place_of_the_one_before() -> None:
+def test_another_version_takes_the_location_of_the_one_before() -> None:
     values = cache()
     for version in range(9):
         assert values.get("a", version, lambda: b"x" * 60) == b"x" * 60

@@ -48,14 +48,14 @@ def test_an_update_leaves_what_others_hold_of_the_log_until_that_is_compacted(ct
     compact_now(ctx, "lab")
     post_rows(ctx, "lab", [(60.0, 7, 1)])
     assert history_of(ctx, "lab", 0, 0, 2).states()[7].tolist() == [1, 1]
-    place = find_location(ctx, "lab")
-    held = ctx.tails.latest(place.id)
+    location = find_location(ctx, "lab")
+    held = ctx.tails.latest(location.id)
     assert held is not None
-    assert read_compacted(ctx, place, 0, 0, 2).states()[7].tolist() == [1, UNOBSERVED]
-    assert ctx.tails.latest(place.id) == held
+    assert read_compacted(ctx, location, 0, 0, 2).states()[7].tolist() == [1, UNOBSERVED]
+    assert ctx.tails.latest(location.id) == held
     compact_now(ctx, "lab")
-    assert read_compacted(ctx, place, 0, 0, 2).states()[7].tolist() == [1, 1]
-    assert ctx.tails.latest(place.id) is None
+    assert read_compacted(ctx, location, 0, 0, 2).states()[7].tolist() == [1, 1]
+    assert ctx.tails.latest(location.id) is None
 
 
 def test_a_moment_ago_is_a_part_of_what_is_held_of_now(ctx: Context, read: list[str]) -> None:
@@ -89,10 +89,10 @@ def test_of_a_long_history_one_segment_is_unpacked_at_a_time(ctx: Context) -> No
     for i in range(n_segments):
         post_rows(ctx, "lab", [(i * segment_s, 7, 1), (i * segment_s + 10, 8, 1)])
     compact_now(ctx, "lab")
-    place = find_location(ctx, "lab")
+    location = find_location(ctx, "lab")
     tracemalloc.start()
     try:
-        states = read_compacted(ctx, place, 0, 0, 4096 * (n_segments - 1) + 1).cells([7, 8]).states()[:, ::4096]
+        states = read_compacted(ctx, location, 0, 0, 4096 * (n_segments - 1) + 1).cells([7, 8]).states()[:, ::4096]
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()

@@ -12,14 +12,14 @@ class Readings:
     def __init__(self) -> None:
         self.count = 0
         self.now = 0.0
-        self.places = LocationCache(lambda: self.now, most=3)
+        self.locations = LocationCache(lambda: self.now, most=3)
 
     def read(self, name: str) -> LocationRecord:
         self.count += 1
         return cast(LocationRecord, (name, self.count))
 
     def get(self, name: str = "door") -> Any:
-        return self.places.get(name, self.read)
+        return self.locations.get(name, self.read)
 
 
 def test_a_record_is_read_once_in_a_while() -> None:
@@ -31,18 +31,18 @@ def test_a_record_is_read_once_in_a_while() -> None:
 
 def test_what_was_read_long_ago_is_known_until_something_changes() -> None:
     readings = Readings()
-    assert readings.places.lately("door") is None
+    assert readings.locations.lately("door") is None
     readings.get()
     readings.now += 100 * BELIEVED_S
-    assert readings.places.lately("door") == ("door", 1)
-    readings.places.forget()
-    assert readings.places.lately("door") is None
+    assert readings.locations.lately("door") == ("door", 1)
+    readings.locations.forget()
+    assert readings.locations.lately("door") is None
 
 
 def test_after_a_change_it_is_read_anew() -> None:
     readings = Readings()
     readings.get()
-    readings.places.forget()
+    readings.locations.forget()
     assert readings.get() == ("door", 2)
 
 
@@ -51,10 +51,10 @@ def test_what_was_read_before_a_change_is_not_believed_after_it() -> None:
 
     def read(name: str) -> LocationRecord:
         record = readings.read(name)
-        readings.places.forget()
+        readings.locations.forget()
         return record
 
-    assert readings.places.get("door", read) == ("door", 1)
+    assert readings.locations.get("door", read) == ("door", 1)
     assert readings.get() == ("door", 2)
 
 

@@ -65,7 +65,7 @@ def test_a_renamed_location_keeps_everything(ctx: Context) -> None:
     with pytest.raises(LocationNotFoundError):
         get_location(ctx, "door")
     make_location(ctx, "door")
-    assert [place.name for place in list_locations(ctx)] == ["door", "front-door", "gate"]
+    assert [location.name for location in list_locations(ctx)] == ["door", "front-door", "gate"]
     assert get_location(ctx, "door").revision == 0
 
 

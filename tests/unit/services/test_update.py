@@ -201,9 +201,9 @@ def test_an_update_that_failed_on_the_way_leaves_the_model_as_it_was(ctx: Contex
 def test_what_is_posted_during_an_update_belongs_to_the_next(ctx: Context) -> None:
     make_lab(ctx)
     interrupted(ctx, lambda: post_rows(ctx, "lab", [(MINUTE * 9, 7, 1)]))
-    place, revision = current_revision(ctx, "lab")
-    assert (place.observation_seq, revision.observation_seq) == (2, 1)
-    assert (place.measurements, revision.measurements) == (13, 12)
+    location, revision = current_revision(ctx, "lab")
+    assert (location.observation_seq, revision.observation_seq) == (2, 1)
+    assert (location.measurements, revision.measurements) == (13, 12)
 
 
 def test_a_post_between_the_compaction_and_the_plan_waits_for_the_next_update_too(ctx: Context) -> None:

@@ -25,13 +25,13 @@ def histogram(
     n_bins = round(86_400 / bin_s)
     weight = visits * bin_s / float(np.median(np.diff(tau_s)))
     mean = (state.sum() + 0.5) / (state.size + 1)
-    place, asked = (((each % 86_400) // bin_s).astype(int) for each in (tau_s, ahead_s))
-    day = _rate(place, state, np.full(n_bins, mean), weight)
+    location, asked = (((each % 86_400) // bin_s).astype(int) for each in (tau_s, ahead_s))
+    day = _rate(location, state, np.full(n_bins, mean), weight)
     if kind == "day":
         return day[asked]
     group, wanted = (_group(each, kind) for each in (tau_s, ahead_s))
     prior = np.tile(day, 7)
-    return _rate(group * n_bins + place, state, prior, weight)[wanted * n_bins + asked]
+    return _rate(group * n_bins + location, state, prior, weight)[wanted * n_bins + asked]
 
 
 def _group(tau_s: NDArray[np.float64], kind: Kind) -> NDArray[np.int64]:
@@ -40,8 +40,8 @@ def _group(tau_s: NDArray[np.float64], kind: Kind) -> NDArray[np.int64]:
 
 
 def _rate(
-    place: NDArray[np.int64], state: NDArray[np.uint8], prior: NDArray[np.float64], weight: float
+    location: NDArray[np.int64], state: NDArray[np.uint8], prior: NDArray[np.float64], weight: float
 ) -> NDArray[np.float64]:
-    seen = np.bincount(place, minlength=prior.size)
-    full = np.bincount(place, state, minlength=prior.size)
+    seen = np.bincount(location, minlength=prior.size)
+    full = np.bincount(location, state, minlength=prior.size)
     return np.asarray((full + weight * prior) / (seen + weight))

@@ -61,7 +61,7 @@ class FakeSource:
     """Grids by name; a name in `without_model` has no revision yet."""
 
     def __init__(self, *names: str, without_model: tuple[str, ...] = ()) -> None:
-        self.places = {name: location(name) for name in names}
+        self.locations = {name: location(name) for name in names}
         self.without_model = without_model
         self.asked: list[Question] = []
 
@@ -69,12 +69,12 @@ class FakeSource:
         return NOW
 
     def grids(self) -> list[Location]:
-        return list(self.places.values())
+        return list(self.locations.values())
 
     def grid(self, name: str) -> Location:
-        if name not in self.places:
+        if name not in self.locations:
             raise LocationNotFoundError(name)
-        return self.places[name]
+        return self.locations[name]
 
     def state(self, question: Question) -> FakeState:
         if question.location in self.without_model:

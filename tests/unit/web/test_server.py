@@ -40,7 +40,7 @@ def test_a_slow_page_gets_the_newest_of_each_kind() -> None:
         outbox = Outbox()
         for number in range(5):
             outbox.put({"kind": "frame", "number": number})
-        outbox.put({"kind": "place", "number": 9})
+        outbox.put({"kind": "location", "number": 9})
         await asyncio.sleep(0)
         read = []
         async for message in outbox.taken():
@@ -49,4 +49,4 @@ def test_a_slow_page_gets_the_newest_of_each_kind() -> None:
                 break
         return read
 
-    assert asyncio.run(scenario()) == [("frame", 4), ("place", 9)]
+    assert asyncio.run(scenario()) == [("frame", 4), ("location", 9)]

@@ -99,7 +99,7 @@ def test_it_opens_with_the_first_grid_at_its_newest_time(page: Page) -> None:
             {"name": "lab", "kind": "grid3d"},
             {"name": "yard", "kind": "grid3d"},
         ]
-        assert page.last("place")["time_zone"] == "Europe/London"
+        assert page.last("location")["time_zone"] == "Europe/London"
         frame = page.last("frame")
         assert (frame["location"], frame["time"], frame["revision"]) == ("lab", NOW, 1)
         assert (frame["predicted"], frame["observed"], frame["unexpected"]) == (2, 2, 1)
@@ -143,11 +143,11 @@ def test_live_moves_with_new_observations_and_others_do_not_disturb(page: Page) 
     with running(source, page) as session:
         session.ask(Wish(location="lab", follow=True))
         page.last("frame")
-        source.places["lab"] = location("lab", NOW + 60)
+        source.locations["lab"] = location("lab", NOW + 60)
         session.notify({"yard"})
         session.notify({"lab"})
         page.last("frame", lambda frame: frame["time"] == NOW + 60)
-        assert page.last("place")["span"]["last"] == NOW + 60
+        assert page.last("location")["span"]["last"] == NOW + 60
 
 
 def test_a_new_location_appears_in_the_list(page: Page) -> None:
@@ -155,7 +155,7 @@ def test_a_new_location_appears_in_the_list(page: Page) -> None:
     with running(source, page) as session:
         session.ask(Wish())
         page.last("frame")
-        source.places["yard"] = location("yard")
+        source.locations["yard"] = location("yard")
         session.notify({"yard"})
         page.last("grids", lambda grids: len(grids["items"]) == 2)
 
@@ -175,13 +175,13 @@ def test_it_says_why_there_is_nothing_to_see(source: FakeSource, reason: str, pa
 
 def test_it_recovers_from_what_is_missing(page: Page) -> None:
     source = FakeSource("lab")
-    source.places["lab"] = location("lab", None)
+    source.locations["lab"] = location("lab", None)
     with running(source, page) as session:
         session.ask(Wish(location="nowhere"))
         assert page.last("notice")["reason"] == "not-found"
         session.ask(Wish(location="lab"))
         page.last("notice", lambda notice: notice["reason"] == "no-observations")
-        source.places["lab"] = location("lab")
+        source.locations["lab"] = location("lab")
         session.notify({"lab"})
         page.last("frame")
 

@@ -155,9 +155,9 @@ def test_a_location_that_cannot_be_compacted_is_tried_ever_more_rarely_and_nobod
 ) -> None:
     tried: list[str] = []
 
-    def compact(ctx: Context, place: LocationRecord, check: Callable[[], None]) -> None:
-        tried.append(place.name)
-        compaction.compact(ctx, place, check)
+    def compact(ctx: Context, location: LocationRecord, check: Callable[[], None]) -> None:
+        tried.append(location.name)
+        compaction.compact(ctx, location, check)
 
     monkeypatch.setattr(compactor_module, "compact", compact)
     monkeypatch.setattr(compactor_module, "LATE_MEASUREMENTS", 10)
@@ -323,11 +323,11 @@ def test_nobody_forgets_what_a_compaction_is_about_to_write_back(ctx: Context, m
     compact_now(ctx)
     post_rows(ctx, "lab", [(6000.0, 3, 1)])
     monkeypatch.setattr(compaction, "_before", slow)
-    place = find_location(ctx, "lab")
+    location = find_location(ctx, "lab")
     with ThreadPoolExecutor(2) as pool:
         compacting = pool.submit(compact_now, ctx)
         assert read.wait(WAIT_S)
-        forgetting = pool.submit(compaction.forget, ctx, place)
+        forgetting = pool.submit(compaction.forget, ctx, location)
         early = wait([forgetting], 0.5).done
         go_on.set()
         assert not early

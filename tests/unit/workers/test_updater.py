@@ -55,13 +55,13 @@ def finished(ctx: Context, number: int) -> Job | None:
     return job if job.finished_at is not None else None
 
 
-def place_of(ctx: Context, **changes: Any) -> LocationRecord:
+def location_of(ctx: Context, **changes: Any) -> LocationRecord:
     make_location(ctx, "door")
     return replace(find_location(ctx, "door"), **changes)
 
 
-def revision_of(place: LocationRecord, **changes: Any) -> RevisionRecord:
-    made = RevisionRecord(place.id, 1, Recipe("static", 0), 0, 100, 1, 1000, 0.5, NOW, None)
+def revision_of(location: LocationRecord, **changes: Any) -> RevisionRecord:
+    made = RevisionRecord(location.id, 1, Recipe("static", 0), 0, 100, 1, 1000, 0.5, NOW, None)
     return replace(made, **changes)
 
 
@@ -72,8 +72,8 @@ def revision_of(place: LocationRecord, **changes: Any) -> RevisionRecord:
 def test_the_first_update_is_due_once_the_history_is_long_enough(
     ctx: Context, first: float | None, last: float | None, due: bool
 ) -> None:
-    place = place_of(ctx, first_time=first, last_time=last, measurements=50)
-    assert is_due(ctx, place, None) is due
+    location = location_of(ctx, first_time=first, last_time=last, measurements=50)
+    assert is_due(ctx, location, None) is due
 
 
 @pytest.mark.parametrize(
@@ -91,9 +91,9 @@ def test_the_first_update_is_due_once_the_history_is_long_enough(
 def test_another_is_due_when_the_history_has_grown_enough_or_long_ago(
     ctx: Context, clock: Clock, measurements: int, later_s: float, due: bool
 ) -> None:
-    place = place_of(ctx, first_time=0.0, last_time=1e6, measurements=measurements)
+    location = location_of(ctx, first_time=0.0, last_time=1e6, measurements=measurements)
     clock.now += later_s
-    assert is_due(ctx, place, revision_of(place)) is due
+    assert is_due(ctx, location, revision_of(location)) is due
 
 
 def test_posts_become_a_model_without_anybody_asking(lively: Context, clock: Clock) -> None:
@@ -352,10 +352,10 @@ def test_one_location_that_cannot_be_cared_for_keeps_no_other_from_it(
 ) -> None:
     due = updater_module.is_due
 
-    def odd(ctx: Context, place: LocationRecord, revision: RevisionRecord | None) -> bool:
-        if place.name == "attic":
+    def odd(ctx: Context, location: LocationRecord, revision: RevisionRecord | None) -> bool:
+        if location.name == "attic":
             raise ArithmeticError("odd")
-        return due(ctx, place, revision)
+        return due(ctx, location, revision)
 
     monkeypatch.setattr(updater_module, "is_due", odd)
     for name in ("attic", "door"):

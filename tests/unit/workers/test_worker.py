@@ -72,14 +72,14 @@ def test_what_keeps_it_from_one_location_keeps_it_from_no_other(
     for name in ("attic", "door"):
         make_location(ctx, name)
 
-    def care(place: object) -> None:
-        cared.append(place)
+    def care(location: object) -> None:
+        cared.append(location)
         if len(cared) == 1:
             raise error
 
-    places = [find_location(ctx, name) for name in ("attic", "door")]
-    Worker("keeper", LONG_S, lambda: None).for_each(places, care)
-    assert cared == places
+    locations = [find_location(ctx, name) for name in ("attic", "door")]
+    Worker("keeper", LONG_S, lambda: None).for_each(locations, care)
+    assert cared == locations
     assert "location attic" in caplog.text
     with pytest.raises(QueueFullError):
-        Worker("keeper", LONG_S, lambda: None).for_each(places, lambda _: (_ for _ in ()).throw(QueueFullError()))
+        Worker("keeper", LONG_S, lambda: None).for_each(locations, lambda _: (_ for _ in ()).throw(QueueFullError()))

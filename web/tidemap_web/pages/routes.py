@@ -116,17 +116,17 @@ def _locations(ctx: Context, request: Request) -> Facts:
 
 
 def _location(ctx: Context, name: str) -> Facts:
-    place = locations.get_location(ctx, name)
-    return {"place": place, "now": ctx.clock(), "cells": math.prod(place.shape)}
+    location = locations.get_location(ctx, name)
+    return {"location": location, "now": ctx.clock(), "cells": math.prod(location.shape)}
 
 
 def _events(ctx: Context, name: str) -> Facts:
     """The newest events, newest first."""
-    place = locations.get_location(ctx, name)
-    since = (place.last_time or 0.0) - RECENT_S
+    location = locations.get_location(ctx, name)
+    since = (location.last_time or 0.0) - RECENT_S
     found = anomalies.list_events(ctx, anomalies.EventQuery(location=name, start=since, limit=None))
     return {
-        "place": place,
+        "location": location,
         "now": ctx.clock(),
         "events": found[: -EVENTS - 1 : -1],
         "more": len(found) > EVENTS,

@@ -8,7 +8,7 @@ from tidemap.schemas.common import Form, TimeIn
 from tidemap.schemas.locations import Confidence
 
 Message = dict[str, Any]
-"""Session to page: `kind` is grids, place, frame, notice or selected; the newest of a kind replaces an unsent one."""
+"""Session to page: `kind`: grids, location, frame, notice, selected; the newest of a kind replaces an unsent one."""
 
 
 class Wish(Form):

@@ -27,7 +27,7 @@ Key = tuple[str, float, int, int]
 class Shown:
     """What a tab shows."""
 
-    place: Location
+    location: Location
     state: State
     picture: Picture
     layout: Layout
@@ -46,7 +46,7 @@ class Painter:
         self._built: str | None = None
         self._aim: Aim | None = None
         self._selected: int | None = None
-        self._place: str | None = None
+        self._location: str | None = None
         self._known: set[str] = set()
         self._laid: tuple[Key, Ground, Layout] | None = None
         self._means: tuple[Key, NDArray[np.float32]] | None = None
@@ -62,7 +62,7 @@ class Painter:
 
     def concerned(self, names: set[str]) -> bool:
         """Whether news of these locations can change what the tab shows; asked from other threads."""
-        return self.shown is None or self._place in names or not names <= self._known
+        return self.shown is None or self._location in names or not names <= self._known
 
     def paint(self, wish: Wish, news: bool) -> None:
         """Bring the tab to a wish; `news` asks for everything afresh.
@@ -75,10 +75,10 @@ class Painter:
         if name is None:
             self.blank("no-grids", "")
             return
-        place = self._source.grid(name)
-        if news or self._place != name:
-            self._tell_place(place)
-        shown = self._look(place, wish)
+        location = self._source.grid(name)
+        if news or self._location != name:
+            self._publish_location(location)
+        shown = self._look(location, wish)
         if shown is None:
             self.blank("no-observations", name)
             return
@@ -110,41 +110,41 @@ class Painter:
         self._known |= {grid.name for grid in grids}
         self._publish(report.grids(grids))
 
-    def _tell_place(self, place: Location) -> None:
-        if self._place != place.name:
+    def _publish_location(self, location: Location) -> None:
+        if self._location != location.name:
             self._selected = None
-        self._place = place.name
+        self._location = location.name
         now = self._source.now()
-        first = place.first_time if place.first_time is not None else now
-        self._publish(report.place(place, self._source.events(place.name, first), now))
+        first = location.first_time if location.first_time is not None else now
+        self._publish(report.location(location, self._source.events(location.name, first), now))
 
-    def _look(self, place: Location, wish: Wish) -> Shown | None:
+    def _look(self, location: Location, wish: Wish) -> Shown | None:
         """What there is to see; None when nothing has been observed."""
-        if place.last_time is None or place.grid is None:
+        if location.last_time is None or location.grid is None:
             return None
-        time = place.last_time if wish.follow or wish.time is None else wish.time
-        state = self._source.state(Question(place.name, time, wish.confidence, wish.order))
+        time = location.last_time if wish.follow or wish.time is None else wish.time
+        state = self._source.state(Question(location.name, time, wish.confidence, wish.order))
         if len(state.cell) == 0:
             return None
-        ground, layout = self._lay(place, place.grid, state)
-        usual = self._usual(place, state) if wish.dim else None
-        taste = Taste(wish.floor, max(FRESH_S, 2 * place.interval_s))
-        return Shown(place, state, picture(state, ground, usual, taste), layout, taste)
+        ground, layout = self._lay(location, location.grid, state)
+        usual = self._usual(location, state) if wish.dim else None
+        taste = Taste(wish.floor, max(FRESH_S, 2 * location.interval_s))
+        return Shown(location, state, picture(state, ground, usual, taste), layout, taste)
 
-    def _lay(self, place: Location, grid: Grid, state: State) -> tuple[Ground, Layout]:
+    def _lay(self, location: Location, grid: Grid, state: State) -> tuple[Ground, Layout]:
         """Where the state's cells are, worked out once a revision."""
-        key = _key(place, state)
+        key = _key(location, state)
         if self._laid is None or self._laid[0] != key:
             ground = Ground.of(state.cell, state.shape)
-            layout = arrange(grid.origin, grid.resolution_m, ground.index, place.kind == "grid2d")
+            layout = arrange(grid.origin, grid.resolution_m, ground.index, location.kind == "grid2d")
             self._laid = (key, ground, layout)
         return self._laid[1], self._laid[2]
 
-    def _usual(self, place: Location, state: State) -> NDArray[np.float32] | None:
+    def _usual(self, location: Location, state: State) -> NDArray[np.float32] | None:
         """Mean probabilities of the state's cells, asked for once a revision."""
-        key = _key(place, state)
+        key = _key(location, state)
         if self._means is None or self._means[0] != key:
-            mean = self._source.state(Question(place.name, state.time, None, 0, observed=False))
+            mean = self._source.state(Question(location.name, state.time, None, 0, observed=False))
             self._means = (key, mean.probability)
         usual = self._means[1]
         return usual if len(usual) == len(state.cell) else None
@@ -154,15 +154,15 @@ class Painter:
         if scene is None:
             return
         with scene.client.atomic():
-            if self._built != shown.place.name or not shown.layout.same_as(scene.layout):
+            if self._built != shown.location.name or not shown.layout.same_as(scene.layout):
                 scene.build(shown.layout, max(shown.state.shape))
-            if self._built != shown.place.name:
+            if self._built != shown.location.name:
                 scene.aim(from_above=shown.layout.flat)
             scene.show(shown.picture)
             scene.select(_index(shown, self._selected))
             if self._aim is not None:
                 scene.aim(from_above=self._aim.view == "above")
-        self._built, self._aim = shown.place.name, None
+        self._built, self._aim = shown.location.name, None
         self._send(scene)
 
     def _send(self, scene: Scene) -> None:
@@ -176,8 +176,8 @@ class Painter:
             self._scene = None
 
 
-def _key(place: Location, state: State) -> Key:
-    return place.name, place.created_at, state.revision, len(state.cell)
+def _key(location: Location, state: State) -> Key:
+    return location.name, location.created_at, state.revision, len(state.cell)
 
 
 def _index(shown: Shown, cell: int | None) -> NDArray[np.int32] | None:

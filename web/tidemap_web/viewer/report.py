@@ -21,10 +21,10 @@ def grids(items: list[Location]) -> Message:
     return {"kind": "grids", "items": [{"name": item.name, "kind": item.kind} for item in items]}
 
 
-def place(item: Location, events: list[Event], now: float) -> Message:
+def location(item: Location, events: list[Event], now: float) -> Message:
     """The chosen grid, the stretch of its timeline, and marks on it."""
     message: Message = {
-        "kind": "place",
+        "kind": "location",
         "name": item.name,
         "time_zone": item.time_zone,
         "interval_s": item.interval_s,
@@ -59,9 +59,9 @@ def frame(shown: Shown, wish: Wish, selected: int | None) -> Message:
     state, picture = shown.state, shown.picture
     return {
         "kind": "frame",
-        "location": shown.place.name,
+        "location": shown.location.name,
         "time": state.time,
-        "last": shown.place.last_time,
+        "last": shown.location.last_time,
         "follow": wish.follow,
         "revision": state.revision,
         "estimator": state.estimator,
@@ -83,7 +83,7 @@ def frame(shown: Shown, wish: Wish, selected: int | None) -> Message:
 
 def cell(shown: Shown, number: int) -> Message | None:
     """One cell's facts; None when it has never been observed."""
-    state, grid = shown.state, shown.place.grid
+    state, grid = shown.state, shown.location.grid
     rows = np.flatnonzero(state.cell == number)
     if grid is None or len(rows) == 0 or state.observed is None or state.observed_time is None:
         return None
@@ -110,7 +110,7 @@ def stats(token: str, shown: Shown | None, updates: int, idle: bool) -> Message:
     """One session for GET /view/sessions; the token is shortened, for it is a secret of the tab."""
     return {
         "session": token[:6],
-        "location": shown.place.name if shown else None,
+        "location": shown.location.name if shown else None,
         "time": shown.state.time if shown else None,
         "revision": shown.state.revision if shown else None,
         "predicted": len(shown.picture.predicted.row) if shown else 0,

@@ -66,14 +66,14 @@ class Services:
 
     def grids(self) -> list[Location]:
         """All locations that are grids, by name."""
-        return [place for place in locations.list_locations(self._ctx) if place.kind != "state"]
+        return [location for location in locations.list_locations(self._ctx) if location.kind != "state"]
 
     def grid(self, name: str) -> Location:
         """One grid with what is known of it."""
-        place = locations.get_location(self._ctx, name)
-        if place.kind == "state":
+        location = locations.get_location(self._ctx, name)
+        if location.kind == "state":
             raise LocationNotFoundError(name)
-        return place
+        return location
 
     def state(self, question: Question) -> State:
         """The state at a time."""

@@ -96,11 +96,11 @@ def fold(history: History, rows: NDArray[np.int64], visits: Visits, weight: NDAr
     weeks = Weeks(np.zeros(shape, np.float32), np.zeros(shape, np.float32))
     count = np.zeros((rows.size, 2), np.int64)
     end = np.append(np.flatnonzero(np.diff(visits.day)) + 1, visits.day.size)
-    place = ((visits.first_day + visits.day[end - 1]) % DAYS_A_WEEK) * SLOTS_A_DAY * split
+    offset = ((visits.first_day + visits.day[end - 1]) % DAYS_A_WEEK) * SLOTS_A_DAY * split
     by_day = np.ascontiguousarray(weight.T[visits.day[end - 1]])
     planes = (history.observed, history.occupied)
     stop = visits.stop.astype(np.uint64)
-    _count(*planes, rows, stop, slot, end, place, by_day, weeks.n_observed, weeks.n_occupied, count)
+    _count(*planes, rows, stop, slot, end, offset, by_day, weeks.n_observed, weeks.n_occupied, count)
     scale = (count[:, 0] / np.maximum(count[:, 1], 1)).astype(np.float32)
     return Weeks(weeks.n_observed * scale[:, np.newaxis], weeks.n_occupied * scale[:, np.newaxis])
 
@@ -163,7 +163,7 @@ def _count(
     stop: Words,
     slot: NDArray[np.int64],
     end: NDArray[np.int64],
-    place: NDArray[np.int64],
+    offset: NDArray[np.int64],
     weight: NDArray[np.float32],
     n_observed: NDArray[np.float32],
     n_occupied: NDArray[np.float32],
@@ -172,7 +172,7 @@ def _count(
     """n_observed, n_occupied (n_weights, n, 672) += weight (n_days, n_weights) · samples of the visits of a day.
 
     Visits reach from one `stop` to the next; those of a day reach to `end` (n_days,), and its slots
-    begin at `place`. count (n, 2): visits and samples observed.
+    begin at `offset`. count (n, 2): visits and samples observed.
     """
     word = np.empty(observed.shape[1] // 8 + 2, np.uint64)
     before = np.empty(word.size, np.uint64)
@@ -186,7 +186,7 @@ def _count(
         first = 0
         for day in range(end.size):
             last = end[day]
-            to = place[day] + slot[first]
+            to = offset[day] + slot[first]
             apart = slot[last - 1] - slot[first] != last - 1 - first
             for which in range(weight.shape[1]):
                 share = weight[day, which]
@@ -194,7 +194,7 @@ def _count(
                     continue
                 if apart:
                     for visit in range(first, last):
-                        to = place[day] + slot[visit]
+                        to = offset[day] + slot[visit]
                         n_observed[which, i, to] += share * np.float32(observed_rank[visit + 1] - observed_rank[visit])
                         n_occupied[which, i, to] += share * np.float32(occupied_rank[visit + 1] - occupied_rank[visit])
                 else:

@@ -10,9 +10,12 @@ from tidemap.errors import JobNotFoundError
 from tidemap.storage.blobs import pack_json, unpack_json
 from tidemap.storage.counters import take
 from tidemap.storage.records import JobRecord
-from tidemap.storage.tables import job, location
+from tidemap.storage.tables import job
+from tidemap.storage.tables import location as location_table
 
-_ROWS = select(job, location.c.name.label("location")).join(location, location.c.id == job.c.location_id)
+_ROWS = select(job, location_table.c.name.label("location")).join(
+    location_table, location_table.c.id == job.c.location_id
+)
 
 _QUEUED = select(job.c.id).where(job.c.state == "queued").limit(1)
 
@@ -43,7 +46,7 @@ class Jobs:
         if after is not None:
             query = query.where(job.c.id < after)
         if location_name is not None:
-            query = query.where(location.c.name == location_name)
+            query = query.where(location_table.c.name == location_name)
         return [_record(row) for row in self._connection.execute(query).mappings()]
 
     def waiting(self) -> bool:

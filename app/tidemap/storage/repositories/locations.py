@@ -8,11 +8,12 @@ from sqlalchemy import Connection, bindparam, delete, func, insert, select, upda
 from tidemap.errors import LocationExistsError, LocationNotFoundError
 from tidemap.storage.counters import take
 from tidemap.storage.records import LocationRecord
-from tidemap.storage.tables import anomaly, location
+from tidemap.storage.tables import anomaly
+from tidemap.storage.tables import location as location_table
 
 # Built once: every request asks the one, and whoever reads history asks the other for every chunk.
-_BY_NAME = select(location).where(location.c.name == bindparam("name"))
-_BY_ID = select(location).where(location.c.id == bindparam("id"))
+_BY_NAME = select(location_table).where(location_table.c.name == bindparam("name"))
+_BY_ID = select(location_table).where(location_table.c.id == bindparam("id"))
 
 
 class Locations:
@@ -37,14 +38,14 @@ class Locations:
 
     def list(self, after: str | None = None, limit: int | None = None) -> list[LocationRecord]:
         """In order of their names."""
-        query = select(location).order_by(location.c.name).limit(limit)
+        query = select(location_table).order_by(location_table.c.name).limit(limit)
         if after is not None:
-            query = query.where(location.c.name > after)
+            query = query.where(location_table.c.name > after)
         return [LocationRecord.of(row) for row in self._connection.execute(query).mappings()]
 
     def names(self) -> dict[int, str]:
         """Name by id."""
-        rows = self._connection.execute(select(location.c.id, location.c.name))
+        rows = self._connection.execute(select(location_table.c.id, location_table.c.name))
         return {row.id: row.name for row in rows}
 
     def open_anomalies(self) -> dict[int, int]:
@@ -59,7 +60,7 @@ class Locations:
     def create(self, values: Mapping[str, Any]) -> LocationRecord:
         """Raises LocationExistsError."""
         self._refuse_taken(values["name"])
-        self._connection.execute(insert(location).values(id=self._next_id(), **values))
+        self._connection.execute(insert(location_table).values(id=self._next_id(), **values))
         return self.get(values["name"])
 
     def change(self, name: str, values: Mapping[str, Any]) -> LocationRecord:
@@ -69,20 +70,20 @@ class Locations:
         if new_name != name:
             self._refuse_taken(new_name)
         if values:
-            self._connection.execute(update(location).where(location.c.id == record.id).values(**values))
+            self._connection.execute(update(location_table).where(location_table.c.id == record.id).values(**values))
         return self.get(new_name)
 
     def delete(self, name: str) -> int:
         """With everything that belongs to it; its id. Raises LocationNotFoundError."""
         location_id = self.get(name).id
-        self._connection.execute(delete(location).where(location.c.id == location_id))
+        self._connection.execute(delete(location_table).where(location_table.c.id == location_id))
         return location_id
 
     def _next_id(self) -> int:
         """One that no location ever had: SQLite by itself gives that of a deleted one again, and caches go by it."""
-        greatest = self._connection.execute(select(func.max(location.c.id))).scalar() or 0
+        greatest = self._connection.execute(select(func.max(location_table.c.id))).scalar() or 0
         return max(take(self._connection, "location"), int(greatest) + 1)
 
     def _refuse_taken(self, name: str) -> None:
-        if self._connection.execute(select(location.c.id).where(location.c.name == name)).first():
+        if self._connection.execute(select(location_table.c.id).where(location_table.c.name == name)).first():
             raise LocationExistsError(name)

@@ -26,7 +26,8 @@ from tidemap.errors import CorruptChunkError
 from tidemap.history.measurements import Measurements
 from tidemap.storage.blobs import unpack_measurements
 from tidemap.storage.records import LocationRecord, ObservationRecord
-from tidemap.storage.tables import location, observation
+from tidemap.storage.tables import location as location_table
+from tidemap.storage.tables import observation
 
 GIVEN_BACK = 4096
 """Pages of the file that are given back at once."""
@@ -62,13 +63,13 @@ class Observations:
 
     def digests(self, location_id: int, keys: Sequence[str]) -> dict[str, bytes]:
         """The digest of the body that each of the idempotency keys was used for; unused ones are left out."""
-        rows = self._connection.execute(_BY_KEY, {"place": location_id, "keys": keys}) if keys else ()
+        rows = self._connection.execute(_BY_KEY, {"location": location_id, "keys": keys}) if keys else ()
         return {row.idempotency_key: row.body_hash for row in rows}
 
     def append(self, location_id: int, records: Sequence[ObservationRecord]) -> int | None:
         """Append to the log; the number of the first, which the others follow. None where the location is gone."""
         more = {
-            "place": location_id,
+            "location": location_id,
             "count": len(records),
             "more": sum(record.measurements for record in records),
             "first": min(record.first_time for record in records),
@@ -82,11 +83,11 @@ class Observations:
         self._connection.execute(_APPEND, rows)
         return first
 
-    def packed(self, place: LocationRecord, most: int) -> list[Packed]:
+    def packed(self, location: LocationRecord, most: int) -> list[Packed]:
         """The earliest observations that are not compacted yet: those with at most so many measurements, or one."""
         rows: list[Packed] = []
         total = 0
-        with closing(self._pending(place)) as pending:
+        with closing(self._pending(location)) as pending:
             for row in pending:
                 total += row.measurements
                 if rows and total > most:
@@ -94,10 +95,12 @@ class Observations:
                 rows.append(row)
         return rows
 
-    def tail(self, place: LocationRecord, choose: Callable[[Measurements], Measurements] = lambda every: every) -> Tail:
+    def tail(
+        self, location: LocationRecord, choose: Callable[[Measurements], Measurements] = lambda every: every
+    ) -> Tail:
         """The observations that are not compacted yet; of each what `choose` takes."""
         tail = Tail([], {})
-        with closing(self._pending(place)) as pending:
+        with closing(self._pending(location)) as pending:
             for row in pending:
                 try:
                     tail.parts.append((row.number, choose(row.unpack())))
@@ -105,23 +108,23 @@ class Observations:
                     tail.damage[row.number] = error.with_traceback(None)
         return tail
 
-    def _pending(self, place: LocationRecord) -> Generator[Packed]:
+    def _pending(self, location: LocationRecord) -> Generator[Packed]:
         query = (
             select(observation.c.id, observation.c.measurements, observation.c.payload)
-            .where(observation.c.location_id == place.id, observation.c.id > place.compacted_seq)
-            .where(observation.c.id <= place.observation_seq)
+            .where(observation.c.location_id == location.id, observation.c.id > location.compacted_seq)
+            .where(observation.c.id <= location.observation_seq)
             .order_by(observation.c.id)
         )
         with self._connection.execute(query, execution_options={"yield_per": 64}) as rows:
             for row in rows:
-                yield Packed(*row, f"observation {row.id} of location {place.name!r}")
+                yield Packed(*row, f"observation {row.id} of location {location.name!r}")
 
-    def pending(self, place: LocationRecord) -> int:
+    def pending(self, location: LocationRecord) -> int:
         """How many measurements of a location are not compacted yet."""
         query = (
             select(func.sum(observation.c.measurements))
-            .where(observation.c.location_id == place.id, observation.c.id > place.compacted_seq)
-            .where(observation.c.id <= place.observation_seq)
+            .where(observation.c.location_id == location.id, observation.c.id > location.compacted_seq)
+            .where(observation.c.id <= location.observation_seq)
         )
         return int(self._connection.execute(query).scalar() or 0)
 
@@ -129,33 +132,33 @@ class Observations:
         """How many measurements are not compacted yet, by location id; those without any are left out."""
         query = (
             select(observation.c.location_id, func.sum(observation.c.measurements))
-            .join(location, location.c.id == observation.c.location_id)
-            .where(observation.c.id > location.c.compacted_seq)
+            .join(location_table, location_table.c.id == observation.c.location_id)
+            .where(observation.c.id > location_table.c.compacted_seq)
             .group_by(observation.c.location_id)
         )
         return {row[0]: int(row[1]) for row in self._connection.execute(query)}
 
-    def settle(self, place: LocationRecord, through: int, damaged: Collection[int] = ()) -> bool:
+    def settle(self, location: LocationRecord, through: int, damaged: Collection[int] = ()) -> bool:
         """Have the log compacted up to number `through`; damaged observations stay in it.
 
-        False, and nothing done, when somebody else has compacted since `place` was read.
+        False, and nothing done, when somebody else has compacted since `location` was read.
         """
         claimed = self._connection.execute(
-            update(location)
-            .where(location.c.id == place.id, location.c.compacted_seq == place.compacted_seq)
+            update(location_table)
+            .where(location_table.c.id == location.id, location_table.c.compacted_seq == location.compacted_seq)
             .values(compacted_seq=through)
         )
         if claimed.rowcount != 1:
             return False
-        self._empty(place, through, damaged)
+        self._empty(location, through, damaged)
         return True
 
-    def _empty(self, place: LocationRecord, through: int, damaged: Collection[int]) -> None:
+    def _empty(self, location: LocationRecord, through: int, damaged: Collection[int]) -> None:
         """Take the payload out of the compacted part of the log.
 
         The rows are written anew: SQLite would leave every one that shrank alone on the page it filled before.
         """
-        part = (observation.c.location_id == place.id) & (observation.c.id > place.compacted_seq)
+        part = (observation.c.location_id == location.id) & (observation.c.id > location.compacted_seq)
         part &= (observation.c.id <= through) & observation.c.id.not_in(damaged)
         kept = [column for column in observation.c if column is not observation.c.payload]
         rows = self._connection.execute(select(*kept).where(part)).mappings().all()
@@ -201,19 +204,19 @@ def _unless(column: Column[float], passed: ColumnElement[bool], value: BindParam
 # Statements of every post, built once: building one takes longer than running it.
 _FIRST, _LAST = bindparam("first", type_=Float(53)), bindparam("last", type_=Float(53))
 _BY_KEY = select(observation.c.idempotency_key, observation.c.body_hash).where(
-    observation.c.location_id == bindparam("place"),
+    observation.c.location_id == bindparam("location"),
     observation.c.idempotency_key.in_(bindparam("keys", expanding=True)),
 )
 _NUMBER = (
-    update(location)
-    .where(location.c.id == bindparam("place"))
+    update(location_table)
+    .where(location_table.c.id == bindparam("location"))
     .values(
-        observation_seq=location.c.observation_seq + bindparam("count"),
-        measurements=location.c.measurements + bindparam("more"),
-        first_time=_unless(location.c.first_time, location.c.first_time > _FIRST, _FIRST),
-        last_time=_unless(location.c.last_time, location.c.last_time < _LAST, _LAST),
+        observation_seq=location_table.c.observation_seq + bindparam("count"),
+        measurements=location_table.c.measurements + bindparam("more"),
+        first_time=_unless(location_table.c.first_time, location_table.c.first_time > _FIRST, _FIRST),
+        last_time=_unless(location_table.c.last_time, location_table.c.last_time < _LAST, _LAST),
     )
-    .returning(location.c.observation_seq)
+    .returning(location_table.c.observation_seq)
 )
 _APPEND = insert(observation)
 _PAGES = ("freelist_count", "page_count")

@@ -8,10 +8,11 @@ from tidemap.errors import CorruptChunkError
 from tidemap.spectral.spectrum import Spectrum
 from tidemap.storage.blobs import pack_json, pack_spectrum, unpack_spectrum
 from tidemap.storage.records import LocationRecord, RevisionRecord
-from tidemap.storage.tables import location, revision, spectrum
+from tidemap.storage.tables import location as location_table
+from tidemap.storage.tables import revision, spectrum
 
 _CHUNK = select(spectrum.c.payload).where(
-    spectrum.c.location_id == bindparam("place"),
+    spectrum.c.location_id == bindparam("location"),
     spectrum.c.revision == bindparam("number"),
     spectrum.c.chunk == bindparam("part"),
 )
@@ -33,7 +34,8 @@ class Spectra:
     def current(self) -> dict[int, RevisionRecord]:
         """The visible revision of every location that has one, by location id."""
         query = select(revision).join(
-            location, (location.c.id == revision.c.location_id) & (location.c.revision == revision.c.revision)
+            location_table,
+            (location_table.c.id == revision.c.location_id) & (location_table.c.revision == revision.c.revision),
         )
         rows = self._connection.execute(query).mappings()
         return {row["location_id"]: RevisionRecord.of(row) for row in rows}
@@ -42,7 +44,7 @@ class Spectra:
         """A number no stored spectrum of the location has used."""
         used = select(func.max(spectrum.c.revision)).where(spectrum.c.location_id == location_id)
         stored = self._connection.execute(used).scalar() or 0
-        shown = select(location.c.revision).where(location.c.id == location_id)
+        shown = select(location_table.c.revision).where(location_table.c.id == location_id)
         return max(int(stored), int(self._connection.execute(shown).scalar() or 0)) + 1
 
     def put_chunk(self, location_id: int, number: int, chunk: int, value: Spectrum) -> None:
@@ -55,23 +57,23 @@ class Spectra:
 
         Where a later one is visible already, it stays so; chunks of later ones, still being stored, stay too.
         """
-        mine = location.c.id == record.location_id
-        earlier = location.c.revision < record.revision
-        shown = self._connection.execute(update(location).where(mine, earlier).values(revision=record.revision))
+        mine = location_table.c.id == record.location_id
+        earlier = location_table.c.revision < record.revision
+        shown = self._connection.execute(update(location_table).where(mine, earlier).values(revision=record.revision))
         if shown.rowcount == 1:
             row = {field.name: getattr(record, field.name) for field in fields(record)}
             row["recipe"] = pack_json(record.recipe.as_dict())
             row["selection"] = pack_json(record.selection) if record.selection else None
             self._connection.execute(insert(revision).values(**row))
-        visible = select(location.c.revision).where(mine).scalar_subquery()
+        visible = select(location_table.c.revision).where(mine).scalar_subquery()
         for table in (spectrum, revision):
             passed = (table.c.location_id == record.location_id) & (table.c.revision < visible)
             self._connection.execute(delete(table).where(passed))
 
-    def chunk(self, place: LocationRecord, number: int, chunk: int) -> Spectrum:
+    def chunk(self, location: LocationRecord, number: int, chunk: int) -> Spectrum:
         """One chunk of a revision. Raises CorruptChunkError where it is missing or damaged."""
-        payload = self._connection.execute(_CHUNK, {"place": place.id, "number": number, "part": chunk}).scalar()
-        what = f"spectrum of location {place.name!r}, chunk {chunk}"
+        payload = self._connection.execute(_CHUNK, {"location": location.id, "number": number, "part": chunk}).scalar()
+        what = f"spectrum of location {location.name!r}, chunk {chunk}"
         if payload is None:
             raise CorruptChunkError(what, f"it is missing from revision {number}")
         return unpack_spectrum(payload, what)

@@ -3,7 +3,7 @@
 export async function ask(path, options = {}) {
   const answer = await fetch(`/api/v1${path}`, { headers: { Accept: "application/json" }, ...options });
   if (answer.status === 401) {
-    location.assign(`/login?next=${encodeURIComponent(location.pathname + location.search)}`);
+    window.location.assign(`/login?next=${encodeURIComponent(window.location.pathname + window.location.search)}`);
   }
   if (answer.ok) return answer.json();
   let problem = { status: answer.status, detail: `The server answered ${answer.status}.` };

@@ -10,7 +10,7 @@ const RHYTHMS = 8;
 const DAY = 86400;
 const section = document.getElementById("history");
 const facts = section.dataset;
-const place = {
+const location = {
   name: facts.location,
   zone: facts.zone,
   kind: facts.kind,
@@ -20,7 +20,7 @@ const place = {
   first: facts.first === "" ? null : Number(facts.first),
   last: facts.last === "" ? null : Number(facts.last),
 };
-const base = `/locations/${encodeURIComponent(place.name)}`;
+const base = `/locations/${encodeURIComponent(location.name)}`;
 const host = document.getElementById("chart");
 const reading = document.createElement("p");
 reading.className = "reading";
@@ -30,7 +30,7 @@ host.after(legend, reading);
 
 let range = "week";
 let zoom = null;
-let cell = place.kind === "state" ? 0 : null;
+let cell = location.kind === "state" ? 0 : null;
 let chart = null;
 let latest = 0;
 
@@ -46,20 +46,20 @@ function say(text) {
 
 function bounds() {
   if (zoom) return zoom;
-  const future = Math.max(DAY, 0.2 * (place.last - place.first));
-  if (range === "day") return [place.last - DAY, place.last + DAY];
-  if (range === "week") return [place.last - 7 * DAY, place.last + 2 * DAY];
-  return [place.first, place.last + future];
+  const future = Math.max(DAY, 0.2 * (location.last - location.first));
+  if (range === "day") return [location.last - DAY, location.last + DAY];
+  if (range === "week") return [location.last - 7 * DAY, location.last + 2 * DAY];
+  return [location.first, location.last + future];
 }
 
 function stepFor(start, stop) {
   const rough = (stop - start) / POINTS;
-  return Math.max(1, Math.ceil(rough / place.interval)) * place.interval;
+  return Math.max(1, Math.ceil(rough / location.interval)) * location.interval;
 }
 
 async function load() {
   const turn = ++latest;
-  if (place.last === null) return say("Nothing has been observed yet. Post observations, and they appear here.");
+  if (location.last === null) return say("Nothing has been observed yet. Post observations, and they appear here.");
   if (cell === null) return say("Choose a cell: enter its number, or click one in the 3D viewer.");
   const [start, stop] = bounds();
   const step = stepFor(start, stop);
@@ -79,7 +79,7 @@ async function load() {
 function show(series, events, step) {
   if (series.probability.every((p) => p === null) && series.observed.every((s) => s === null)) {
     return say(
-      place.kind === "state"
+      location.kind === "state"
         ? "Nothing was observed in this range, and there is no model yet."
         : `Cell ${cell} has not been observed. Click another one in the 3D viewer.`,
     );
@@ -90,8 +90,8 @@ function show(series, events, step) {
   }));
   chart?.destroy();
   host.replaceChildren();
-  const state = { series, events: mine, last: place.last, confidence: place.confidence, step };
-  chart = draw(host, reading, state, place.zone, (low, high) => {
+  const state = { series, events: mine, last: location.last, confidence: location.confidence, step };
+  chart = draw(host, reading, state, location.zone, (low, high) => {
     zoom = [low, high];
     mark();
     load();
@@ -125,8 +125,8 @@ function peakText(part, model) {
   const first = start - (part.phase / (2 * Math.PI)) * part.period_s;
   const peak = first + Math.ceil((end - first) / part.period_s) * part.period_s;
   const near = (period) => Math.abs(part.period_s / period - 1) < 0.01;
-  if (near(DAY)) return `highest at ${clockText(peak, place.zone, false)}`;
-  if (near(7 * DAY)) return `highest on ${dayText(peak, place.zone).slice(0, 3)}, ${clockText(peak, place.zone, false)}`;
+  if (near(DAY)) return `highest at ${clockText(peak, location.zone, false)}`;
+  if (near(7 * DAY)) return `highest on ${dayText(peak, location.zone).slice(0, 3)}, ${clockText(peak, location.zone, false)}`;
   return "";
 }
 
@@ -157,7 +157,7 @@ function heading(model) {
   const outliers = model.outliers.length;
   line.textContent =
     `Estimator ${model.estimator}, order ${model.order}, mean ${mean}${model.link === "logit" ? " (log-odds)" : ""}; ` +
-    `fitted on ${timeText(Date.parse(model.start) / 1000, place.zone)} to ${timeText(Date.parse(model.stop) / 1000, place.zone)}, ` +
+    `fitted on ${timeText(Date.parse(model.start) / 1000, location.zone)} to ${timeText(Date.parse(model.stop) / 1000, location.zone)}, ` +
     `${model.samples.toLocaleString("en")} samples; ${outliers} ${outliers === 1 ? "interval" : "intervals"} differ from the prediction. ` +
     (model.selection ? model.selection.reason : "");
   return line;
@@ -214,7 +214,7 @@ function choose(number) {
   cell = number;
   const input = document.getElementById("cell");
   if (input) input.value = String(number);
-  const query = new URLSearchParams(location.search);
+  const query = new URLSearchParams(window.location.search);
   query.set("cell", String(number));
   history.replaceState(null, "", `?${query}`);
   load();
@@ -255,16 +255,16 @@ document.addEventListener("click", (event) => {
   if (button) acknowledge(button);
 });
 window.addEventListener("message", (event) => {
-  if (event.origin === location.origin && event.data?.kind === "cell") choose(event.data.cell);
+  if (event.origin === window.location.origin && event.data?.kind === "cell") choose(event.data.cell);
 });
 document.body.addEventListener("htmx:afterSwap", () => {
   const fresh = document.getElementById("facts").dataset;
   const last = fresh.last === "" ? null : Number(fresh.last);
-  if (last === place.last && Number(fresh.revision) === place.revision) return;
-  const refitted = Number(fresh.revision) !== place.revision;
-  place.first ??= last;
-  place.last = last;
-  place.revision = Number(fresh.revision);
+  if (last === location.last && Number(fresh.revision) === location.revision) return;
+  const refitted = Number(fresh.revision) !== location.revision;
+  location.first ??= last;
+  location.last = last;
+  location.revision = Number(fresh.revision);
   if (!zoom) load();
   if (refitted) rhythms();
 });
@@ -276,8 +276,8 @@ new ResizeObserver(() => {
 }).observe(host);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", load);
 
-const asked = new URLSearchParams(location.search).get("cell");
-if (asked !== null && place.kind !== "state") choose(Number(asked));
+const asked = new URLSearchParams(window.location.search).get("cell");
+if (asked !== null && location.kind !== "state") choose(Number(asked));
 else {
   load();
   rhythms();

@@ -12,18 +12,18 @@ export class Timeline {
     this.canvas = canvas;
     this.slider = slider;
     this.reach = "all";
-    this.place = null;
+    this.location = null;
     this.time = 0;
     slider.addEventListener("input", () => moved(Number(slider.value)));
     new ResizeObserver(() => this.draw()).observe(canvas);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
   }
 
-  setPlace(place) {
-    const first = this.place?.name !== place.name;
-    this.place = place;
-    if (first && place.span) this.reach = place.span.stop - place.span.first > 15 * DAY ? "week" : "all";
-    this.slider.disabled = !place.span;
+  setLocation(location) {
+    const first = this.location?.name !== location.name;
+    this.location = location;
+    if (first && location.span) this.reach = location.span.stop - location.span.first > 15 * DAY ? "week" : "all";
+    this.slider.disabled = !location.span;
     this.show(this.time);
   }
 
@@ -34,9 +34,9 @@ export class Timeline {
 
   /** What the timeline covers: all, or the local day or week that holds the time. */
   window() {
-    const { first, stop } = this.place.span;
+    const { first, stop } = this.location.span;
     if (this.reach === "all") return [first, stop];
-    const zone = this.place.time_zone;
+    const zone = this.location.time_zone;
     const length = this.reach === "day" ? DAY : 7 * DAY;
     const anchor = this.reach === "day" ? 0 : MONDAY;
     const local = this.time + offsetOf(this.time, zone);
@@ -46,19 +46,19 @@ export class Timeline {
   }
 
   clamp(time) {
-    const { first, stop } = this.place.span;
+    const { first, stop } = this.location.span;
     return Math.min(stop, Math.max(first, time));
   }
 
   show(time) {
     this.time = time;
-    if (!this.place?.span) return this.draw();
+    if (!this.location?.span) return this.draw();
     const [low, high] = this.window();
     this.slider.min = String(Math.floor(low));
     this.slider.max = String(Math.ceil(high));
     this.slider.step = "1";
     this.slider.value = String(Math.round(time));
-    const zone = this.place.time_zone;
+    const zone = this.location.time_zone;
     this.slider.setAttribute("aria-valuetext", `${dayText(time, zone)}, ${clockText(time, zone)}`);
     this.draw();
   }
@@ -72,7 +72,7 @@ export class Timeline {
     canvas.height = Math.round(height * ratio);
     const ctx = canvas.getContext("2d");
     ctx.scale(ratio, ratio);
-    if (!this.place?.span || width === 0) return;
+    if (!this.location?.span || width === 0) return;
     const style = getComputedStyle(document.documentElement);
     const colour = (name) => style.getPropertyValue(`--${name}`).trim();
     const [low, high] = this.window();
@@ -85,12 +85,12 @@ export class Timeline {
       ctx.fillStyle = fill;
       ctx.fillRect(left, top, right - left, size);
     };
-    const { first, last, stop } = this.place.span;
+    const { first, last, stop } = this.location.span;
     band(low, high, colour("raised"));
     band(last, stop, colour("grid"));
     band(first, last, colour("free"));
     this.drawTicks(ctx, low, high, x, colour, width);
-    for (const event of this.place.events) {
+    for (const event of this.location.events) {
       ctx.fillStyle = event.acknowledged ? colour("quiet") : colour("anomaly");
       const left = x(event.start);
       const size = Math.max(2, x(event.stop) - left);
@@ -108,7 +108,7 @@ export class Timeline {
   }
 
   drawTicks(ctx, low, high, x, colour, width) {
-    const zone = this.place.time_zone;
+    const zone = this.location.time_zone;
     const step = STEPS.find((s) => (high - low) / s <= Math.max(2, width / 92)) ?? 168 * DAY;
     ctx.font = "11px system-ui, sans-serif";
     ctx.textAlign = "center";

@@ -6,13 +6,13 @@ import { dateText, clockText, durationText, zoneText } from "./words.js";
 const $ = (id) => document.getElementById(id);
 const { token, scene } = document.body.dataset;
 const embedded = document.body.classList.contains("embedded");
-const asked = new URLSearchParams(location.search);
+const asked = new URLSearchParams(window.location.search);
 const HOUR = 3600;
 const DAY = 86400;
 
 const wish = { location: asked.get("location"), time: askedTime(), follow: false, confidence: null, order: null, floor: 0.1, dim: true };
 wish.follow = wish.time === null;
-let place = null;
+let location = null;
 let frame = null;
 let playing = false;
 let socket = null;
@@ -38,14 +38,14 @@ function want(changes) {
 }
 
 function go(time) {
-  if (!place?.span) return;
+  if (!location?.span) return;
   want({ time: timeline.clamp(time), follow: false });
 }
 
 // ---- the socket -------------------------------------------------------------------------------------------------
 
 function connect() {
-  const address = new URL(`/view/control/${token}`, location.href);
+  const address = new URL(`/view/control/${token}`, window.location.href);
   address.protocol = address.protocol.replace("http", "ws");
   socket = new WebSocket(address);
   socket.addEventListener("open", () => {
@@ -87,16 +87,16 @@ const handlers = {
       select.replaceChildren(...names.map((name) => new Option(name, name)));
     }
     select.disabled = names.length === 0;
-    select.value = place?.name ?? wish.location ?? names[0] ?? "";
+    select.value = location?.name ?? wish.location ?? names[0] ?? "";
   },
-  place(message) {
-    const other = place?.name !== message.name;
-    place = message;
+  location(message) {
+    const other = location?.name !== message.name;
+    location = message;
     wish.location = message.name;
     $("location").value = message.name;
     if (other && wish.confidence === null) setConfidence(message.confidence);
     document.title = `${message.name} · Tidemap`;
-    timeline.setPlace(place);
+    timeline.setLocation(location);
     markReach();
     showWish();
   },
@@ -130,7 +130,7 @@ function notice(title, text, code = "") {
 }
 
 function explain({ reason, detail }) {
-  const origin = location.origin;
+  const origin = window.location.origin;
   const name = wish.location ?? "lab";
   if (reason === "no-grids") {
     const form = `{"name": "lab", "kind": "grid3d", "interval_s": 300, "time_zone": "Europe/London",\n  "grid": {"resolution_m": 0.2, "shape": [60, 40, 12]}}`;
@@ -178,9 +178,9 @@ function showFrame() {
     ["Predicted", `${count(frame.predicted)} cells shown`],
     ["Observed", `${count(frame.observed)} cells shown`],
     ["Known", `${count(frame.cells)} cells`],
-    ["Grid", `${place.shape.join(" × ")} of ${place.resolution_m} m`],
+    ["Grid", `${location.shape.join(" × ")} of ${location.resolution_m} m`],
     ["Floor lines", `every ${frame.lines_m} m`],
-    ["Frame", place.frame],
+    ["Frame", location.frame],
   ]);
   showSelected(frame.selected);
 }
@@ -189,12 +189,12 @@ function showSelected(cell) {
   $("selected-none").hidden = cell !== null;
   if (cell === null) return $("selected-facts").replaceChildren();
   const link = document.createElement("a");
-  link.href = `/locations/${encodeURIComponent(place.name)}?cell=${cell.cell}`;
+  link.href = `/locations/${encodeURIComponent(location.name)}?cell=${cell.cell}`;
   link.textContent = "over time";
   if (embedded) {
     link.addEventListener("click", (event) => {
       event.preventDefault();
-      parent.postMessage({ kind: "cell", cell: cell.cell }, location.origin);
+      parent.postMessage({ kind: "cell", cell: cell.cell }, window.location.origin);
     });
   }
   const seen = cell.observed === null ? "never by then" : cell.observed ? "occupied" : "free";
@@ -216,16 +216,16 @@ function showWish() {
   $("ramp-floor").style.width = `${100 * wish.floor}%`;
   document.querySelector(".structure").hidden = !wish.dim;
   $("live").setAttribute("aria-pressed", String(wish.follow));
-  if (!place?.span || wish.time === null) {
+  if (!location?.span || wish.time === null) {
     $("date").textContent = "–";
     for (const id of ["clock", "zone", "tense"]) $(id).textContent = "";
     return;
   }
-  const zone = place.time_zone;
+  const zone = location.time_zone;
   $("date").textContent = dateText(wish.time, zone);
   $("clock").textContent = clockText(wish.time, zone);
   $("zone").textContent = zoneText(wish.time, zone);
-  const ahead = wish.time - place.span.last;
+  const ahead = wish.time - location.span.last;
   $("tense").textContent = ahead > 1 ? `forecast, +${durationText(ahead)}` : ahead < -1 ? `${durationText(-ahead)} before last` : "newest";
   timeline.show(wish.time);
   address();
@@ -235,8 +235,8 @@ let addressTimer = 0;
 function address() {
   clearTimeout(addressTimer);
   addressTimer = setTimeout(() => {
-    const query = new URLSearchParams(location.search);
-    query.set("location", place.name);
+    const query = new URLSearchParams(window.location.search);
+    query.set("location", location.name);
     if (wish.follow) query.delete("time");
     else query.set("time", String(Math.round(wish.time)));
     history.replaceState(null, "", `?${query}`);
@@ -257,8 +257,8 @@ function tick(now) {
   const elapsed = Math.min(0.5, (now - before) / 1000);
   before = now;
   const ready = frame === null || frame.time === wish.time || wish.follow;
-  if (ready && place?.span) {
-    const [low, high] = timeline.reach === "all" ? timeline.window() : [place.span.first, place.span.stop];
+  if (ready && location?.span) {
+    const [low, high] = timeline.reach === "all" ? timeline.window() : [location.span.first, location.span.stop];
     const next = wish.time + owed + elapsed * Number($("speed").value);
     owed = 0;
     want({ time: next > high ? low : next, follow: false });
@@ -268,7 +268,7 @@ function tick(now) {
 let owed = 0;
 
 function play(on) {
-  if (on && !place?.span) return;
+  if (on && !location?.span) return;
   playing = on;
   owed = 0;
   $("play").setAttribute("aria-pressed", String(on));
@@ -282,8 +282,8 @@ function step(seconds) {
 }
 
 function anomaly(direction) {
-  if (!place?.span || wish.time === null) return;
-  const starts = place.events.map((event) => event.start).sort((a, b) => a - b);
+  if (!location?.span || wish.time === null) return;
+  const starts = location.events.map((event) => event.start).sort((a, b) => a - b);
   const found = direction > 0 ? starts.find((s) => s > wish.time + 1) : starts.findLast((s) => s < wish.time - 1);
   if (found !== undefined) go(found);
 }
@@ -341,8 +341,8 @@ function keys(event) {
   const inScene = target.ownerDocument !== document;
   const actions = {
     " ": () => play(!playing),
-    ",": () => step(-place.interval_s),
-    ".": () => step(place.interval_s),
+    ",": () => step(-location.interval_s),
+    ".": () => step(location.interval_s),
     l: live,
     p: () => anomaly(-1),
     n: () => anomaly(1),
@@ -354,7 +354,7 @@ function keys(event) {
     actions.ArrowRight = () => step(event.shiftKey ? DAY : HOUR);
   }
   const action = actions[event.key.length === 1 ? event.key.toLowerCase() : event.key];
-  if (!action || !place || (pressable && event.key === " ") || (movable && event.key.startsWith("Arrow"))) return;
+  if (!action || !location || (pressable && event.key === " ") || (movable && event.key.startsWith("Arrow"))) return;
   event.preventDefault();
   action();
 }
