@@ -55,7 +55,7 @@ check: lint ## Check format, lint, types, layers and the examples in docstrings
 
 lint: setup
 	@.venv/bin/python -m ruff format --check --quiet . || { \
-	    echo "Mend the format with: .venv/bin/ruff format ." >&2; exit 1; }
+	    echo "Fix the format with: .venv/bin/ruff format ." >&2; exit 1; }
 	@.venv/bin/python -m ruff check --quiet .
 	@.venv/bin/python -m mypy --no-error-summary
 	@.venv/bin/python -m mypy --no-error-summary docs/examples

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from tidemap import log
 from tidemap.cli_outbox import add_outbox
-from tidemap.errors import DatabaseUnusableError, SchemaVersionError, TidemapError
+from tidemap.errors import DatabaseUnusableError, DomainError, SchemaVersionError
 from tidemap.requirements import unmet
 from tidemap.version import __version__
 
@@ -35,7 +35,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return command(arguments)
     except ValidationError as error:
         return _failed(_explain(error))
-    except (TidemapError, OSError) as error:
+    except (DomainError, OSError) as error:
         return _failed(str(error))
     except KeyboardInterrupt:
         return FAILED
@@ -216,7 +216,7 @@ def _verify(arguments: argparse.Namespace) -> int:
 
 def _serve(arguments: argparse.Namespace) -> int:
     from tidemap.server.memory import tune_malloc
-    from tidemap.server.serving import Options, serve
+    from tidemap.server.serving import ServeOptions, serve
     from tidemap.services.context import open_context
     from tidemap.services.keys import list_keys
     from tidemap.storage.store import prepare_database
@@ -232,7 +232,7 @@ def _serve(arguments: argparse.Namespace) -> int:
                 f"no key exists, so this server listens on loopback only, not on {settings.host}. Make one with "
                 "'tidemap keys create --role admin', or say --open if a gateway before it checks who asks."
             )
-        return serve(ctx, Options(demo=arguments.demo), pages)
+        return serve(ctx, ServeOptions(demo=arguments.demo), pages)
 
 
 def _worker(arguments: argparse.Namespace) -> int:

@@ -10,10 +10,10 @@ from pathlib import Path
 
 from tidemap.client.errors import OutboxError
 from tidemap.client.outbox.file import prepare
-from tidemap.client.outbox.store import Refused, Store
+from tidemap.client.outbox.store import OutboxStore, Refused
 from tidemap.client.requests import name_of, path_of
 
-Action = Callable[[Store, argparse.Namespace], None]
+Action = Callable[[OutboxStore, argparse.Namespace], None]
 
 
 def add_outbox(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -54,16 +54,16 @@ def _command(action: Action) -> Callable[[argparse.Namespace], int]:
 
 
 @contextmanager
-def _opened(file: Path) -> Iterator[Store]:
+def _opened(file: Path) -> Iterator[OutboxStore]:
     """The outbox in a file that is there. Raises OutboxError."""
     if not file.is_file():
         raise OutboxError(f"{file}: there is no such file; name the outbox as the client does")
     prepare(file.absolute())
-    with closing(Store(file.absolute(), durable=True)) as store:
+    with closing(OutboxStore(file.absolute(), durable=True)) as store:
         yield store
 
 
-def _list(store: Store, arguments: argparse.Namespace) -> None:
+def _list(store: OutboxStore, arguments: argparse.Namespace) -> None:
     refused, pending = store.refused(), store.pending()
     if arguments.json:
         print(json.dumps({"pending": asdict(pending), "refused": [asdict(each) for each in refused]}))
@@ -77,16 +77,16 @@ def _line(refused: Refused) -> str:
     return f"{refused.id}\t{name_of(refused.path)}\t{refused.measurements} measurements\t{refused.error}"
 
 
-def _retry(store: Store, arguments: argparse.Namespace) -> None:
+def _retry(store: OutboxStore, arguments: argparse.Namespace) -> None:
     for number in arguments.id or [each.id for each in store.refused()]:
         store.retry(number)
 
 
-def _move(store: Store, arguments: argparse.Namespace) -> None:
+def _move(store: OutboxStore, arguments: argparse.Namespace) -> None:
     for number in arguments.id:
         store.move(number, path_of(arguments.location))
 
 
-def _drop(store: Store, arguments: argparse.Namespace) -> None:
+def _drop(store: OutboxStore, arguments: argparse.Namespace) -> None:
     for number in arguments.id:
         store.discard(number)

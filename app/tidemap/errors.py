@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-MOST_ERRORS = 100
+MAX_ERRORS = 100
 """Fields that one error names; a body may have a million wrong ones."""
 
 
@@ -14,14 +14,14 @@ class FieldError:
     message: str
 
 
-class TidemapError(Exception):
+class DomainError(Exception):
     """Base of every expected error. `code` names the kind in `type` of a problem document."""
 
     code = "error"
     title = "Error"
 
 
-class NotFoundError(TidemapError):
+class NotFoundError(DomainError):
     """Something was asked for by a name or an id that nothing has."""
 
     code = "not-found"
@@ -78,7 +78,7 @@ class KeyNotFoundError(NotFoundError):
         super().__init__(f"There is no key {key_id}. GET /keys lists them.")
 
 
-class ConflictError(TidemapError):
+class ConflictError(DomainError):
     """The request is sound but does not fit what is stored."""
 
     code = "conflict"
@@ -131,21 +131,21 @@ class JobFinishedError(ConflictError):
         super().__init__(f"Job {job_id} is {state}: only a queued job can be cancelled.")
 
 
-class UnreadableBodyError(TidemapError):
+class UnreadableBodyError(DomainError):
     """The body cannot be parsed at all."""
 
     code = "unreadable-body"
     title = "Unreadable body"
 
 
-class UnsupportedMediaTypeError(TidemapError):
+class UnsupportedMediaTypeError(DomainError):
     """The body is of a kind this endpoint does not read."""
 
     code = "unsupported-media-type"
     title = "Unsupported media type"
 
 
-class BodyTooLargeError(TidemapError):
+class BodyTooLargeError(DomainError):
     """The (unpacked) body exceeds the limit."""
 
     code = "body-too-large"
@@ -158,7 +158,7 @@ class BodyTooLargeError(TidemapError):
         )
 
 
-class BodyStalledError(TidemapError):
+class BodyStalledError(DomainError):
     """The sender stopped in the midst of a body."""
 
     code = "body-stalled"
@@ -170,14 +170,14 @@ class BodyStalledError(TidemapError):
         )
 
 
-class InvalidInputError(TidemapError):
-    """Readable but wrong. `errors` name the fields and the mend."""
+class InvalidInputError(DomainError):
+    """Readable but wrong. `errors` name the fields and say what to change."""
 
     code = "invalid-input"
     title = "Invalid input"
 
     def __init__(self, *errors: FieldError) -> None:
-        told = errors[:MOST_ERRORS]
+        told = errors[:MAX_ERRORS]
         super().__init__("; ".join(f"{error.field}: {error.message}" for error in told))
         self.errors = told
 
@@ -193,28 +193,28 @@ def refuse_reversed(start: float | None, stop: float | None) -> None:
         raise InvalidInputError.at("stop", "it lies before start; swap them")
 
 
-class UnauthorizedError(TidemapError):
+class UnauthorizedError(DomainError):
     """No key, or none that is known."""
 
     code = "unauthorized"
     title = "Key needed"
 
 
-class ForbiddenError(TidemapError):
+class ForbiddenError(DomainError):
     """A known key whose role does not allow this."""
 
     code = "forbidden"
     title = "Not allowed"
 
 
-class OtherSiteError(TidemapError):
-    """A page of another site asks in the name of whoever looks at it."""
+class OtherSiteError(DomainError):
+    """A page of another site asks in the name of the person who looks at it."""
 
     code = "other-site"
     title = "Another site"
 
 
-class BusyError(TidemapError):
+class BusyError(DomainError):
     """The server cannot take this now; the same request may be sent again after `retry_after_s`."""
 
     code = "busy"
@@ -236,8 +236,8 @@ class RateLimitError(BusyError):
         self.retry_after_s = retry_after_s
 
 
-class AskerLeftError(TidemapError):
-    """Whoever asked has closed the connection; the work for the answer ended."""
+class AskerLeftError(DomainError):
+    """The client has closed the connection; the work for its answer ended."""
 
     code = "asker-left"
     title = "Asker left"
@@ -284,14 +284,14 @@ class TooManyBodiesError(BusyError):
 class NotLeaderError(BusyError):
     """Another process does the background work now."""
 
-    code = "off-duty"
-    title = "Off duty"
+    code = "not-leader"
+    title = "Not the leader"
 
     def __init__(self) -> None:
         super().__init__("Another process on this database does the background work now; nothing was stored.")
 
 
-class CorruptChunkError(TidemapError):
+class CorruptChunkError(DomainError):
     """A stored blob fails its checksum or cannot be read."""
 
     code = "corrupt-chunk"
@@ -306,21 +306,21 @@ class CorruptChunkError(TidemapError):
         return type(self), (self.what, self.why)
 
 
-class SchemaVersionError(TidemapError):
+class SchemaVersionError(DomainError):
     """The database has a schema this version does not know."""
 
     code = "schema-version"
     title = "Unknown schema version"
 
 
-class DatabaseUnusableError(TidemapError):
+class DatabaseUnusableError(DomainError):
     """There is no database at the address, or something else than one of ours."""
 
     code = "database-unusable"
     title = "Database unusable"
 
 
-class BackupError(TidemapError):
+class BackupError(DomainError):
     """A backup was not made."""
 
     code = "backup"

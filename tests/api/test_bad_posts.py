@@ -1,4 +1,4 @@
-"""Observations that are refused, whole, with the location that is wrong and the mend."""
+"""Observations that are refused, whole, with the field that is wrong and what to change."""
 
 from collections.abc import Callable
 from typing import Any

@@ -45,9 +45,9 @@ def test_the_map_answers_and_says_what_is_missing(house: tuple[Api, str], caplog
     assert sum("chunk 1 is corrupt" in record.message for record in caplog.records) == 1
     assert "tidemap_damaged_blobs 1.0" in api.http.request("GET", "/metrics").text.splitlines()
     api.update(name)
-    mended = api.get(f"/locations/{name}/state")
-    assert done(mended)["unavailable"] == []
-    assert mended.headers["etag"] != answer.headers["etag"]
+    repaired = api.get(f"/locations/{name}/state")
+    assert done(repaired)["unavailable"] == []
+    assert repaired.headers["etag"] != answer.headers["etag"]
 
 
 def test_a_question_about_a_cell_in_it_is_a_problem_of_its_own(house: tuple[Api, str]) -> None:

@@ -20,11 +20,11 @@ from tests.api.house import HOUR, NOW, arrow, npy, npy_file, problem
 from tests.api.refusals import DOOR, LAB, Untouched
 from tidemap.errors import InvalidInputError, UnreadableBodyError
 from tidemap.ingest.observation import ARROW, JSON, NPY, Body, Target, parse
-from tidemap.space.grid import SINGLE, Grid
+from tidemap.space.grid import SINGLE, GridGeometry
 
 TARGETS = {
     "state": Target("state", SINGLE, NOW),
-    "grid3d": Target("grid3d", Grid("map", (0.0, 0.0, 0.0), 0.5, (4, 3, 2)), NOW),
+    "grid3d": Target("grid3d", GridGeometry("map", (0.0, 0.0, 0.0), 0.5, (4, 3, 2)), NOW),
 }
 TIMES = np.array([0.0, 60.0, 120.0])
 STATES = np.array([0, 1, 1], np.uint8)
@@ -210,7 +210,7 @@ POSTS = {
     "state": (DOOR, JSON, "", json.dumps({"time": (SEEN + TIMES).tolist(), "state": [0, 1, 1]}).encode()),
     "state-arrow": (DOOR, ARROW, "", arrow({"time": SEEN + TIMES, "state": STATES})),
 }
-MOST_BYTES = 40 * 2**20
+MAX_BYTES = 40 * 2**20
 """What such a post may take; as many bytes as the largest of them claims to hold would be a thousand times that."""
 
 
@@ -239,7 +239,7 @@ def test_a_changed_post_is_stored_whole_or_not_at_all(site: Untouched, form: str
         content = changed(PACKERS[packing](changed(good, before)), after)
         tracemalloc.reset_peak()
         answer = site.api.post(f"{path}/observations{query}", content=content, headers=headers)
-        assert tracemalloc.get_traced_memory()[1] - began < MOST_BYTES
+        assert tracemalloc.get_traced_memory()[1] - began < MAX_BYTES
         if answer.status_code == 201:
             held.append(count())
             assert held[-1] == held[-2] + answer.json()["accepted"] > held[-2]
@@ -255,4 +255,4 @@ def test_a_changed_post_is_stored_whole_or_not_at_all(site: Untouched, form: str
         run()
     finally:
         tracemalloc.stop()
-    assert (pa.default_memory_pool().max_memory() or 0) - (arrow_held or 0) < MOST_BYTES
+    assert (pa.default_memory_pool().max_memory() or 0) - (arrow_held or 0) < MAX_BYTES

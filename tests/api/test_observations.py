@@ -337,7 +337,7 @@ class TestIdempotencyKeys:
 
 
 SEEN = np.array([[[0, 1], [255, 255], [1, 0]]] + [[[255, 255]] * 3] * 3, np.uint8)
-"""A grid of 4 x 3 x 2 of which four cells were seen."""
+"""A grid of 4 x 3 x 2; four cells of it were seen."""
 
 
 class TestGrids:

@@ -188,10 +188,10 @@ def test_every_example_of_a_body_is_accepted(document: Any, api: Api) -> None:
     grid = api.lab(grid={**GRID, "shape": [60, 40, 12]})
     for method, path, media in bodies(document):
         for example in examples(document, media):
-            place = grid if isinstance(example, dict) and "observations" in example else name
+            location = grid if isinstance(example, dict) and "observations" in example else name
             if path == "/locations/{name}" and method == "patch":
-                place = api.location()
-            address = path.replace("{name}", place).replace("{anomaly_id}", str(event["id"]))
+                location = api.location()
+            address = path.replace("{name}", location).replace("{anomaly_id}", str(event["id"]))
             answer = api.request(method.upper(), address, json=example)
             assert answer.status_code in (200, 201, 202), (path, example, answer.text)
             if path == "/keys":
@@ -199,21 +199,21 @@ def test_every_example_of_a_body_is_accepted(document: Any, api: Api) -> None:
 
 
 def test_every_reference_leads_somewhere(document: Any) -> None:
-    for place, node in nodes(document):
+    for where, node in nodes(document):
         if isinstance(node.get("$ref"), str):
-            assert resolve(document, node["$ref"]) is not None, place
+            assert resolve(document, node["$ref"]) is not None, where
 
 
 def test_every_schema_is_json_schema(document: Any) -> None:
-    for place, node in nodes(document["components"]["schemas"], "#/components/schemas"):
+    for where, node in nodes(document["components"]["schemas"], "#/components/schemas"):
         kind = node.get("type")
-        if isinstance(kind, str) and "properties" not in place.split("/")[-1:]:
-            assert kind in TYPES, place
+        if isinstance(kind, str) and "properties" not in where.split("/")[-1:]:
+            assert kind in TYPES, where
         for name in ("anyOf", "oneOf", "allOf", "prefixItems", "enum", "required"):
-            if name in node and not place.endswith("/properties"):
-                assert isinstance(node[name], list), place
+            if name in node and not where.endswith("/properties"):
+                assert isinstance(node[name], list), where
         if isinstance(node.get("properties"), dict) and isinstance(node.get("required"), list):
-            assert set(node["required"]) <= node["properties"].keys(), place
+            assert set(node["required"]) <= node["properties"].keys(), where
 
 
 def test_every_form_refuses_unknown_fields(document: Any) -> None:

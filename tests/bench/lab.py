@@ -1,4 +1,4 @@
-"""A laboratory that robots look at: 10^5 cells, of which a look sees 10^4, a tenth of them changing by the day."""
+"""A laboratory that robots look at: 10^5 cells; a look sees 10^4, and a tenth of them change by the day."""
 
 import time
 

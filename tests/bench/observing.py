@@ -11,7 +11,7 @@ from tidemap.ingest.observation import ARROW, Body, Target, parse
 from tidemap.services.context import Context
 from tidemap.services.observe import begin
 from tidemap.services.posts import Post
-from tidemap.space.grid import Grid
+from tidemap.space.grid import GridGeometry
 from tidemap.storage.blobs import pack_measurements
 
 BATCH, ROUNDS = 100, 9
@@ -65,5 +65,5 @@ class Posting:
 
 def packed(body: bytes, latest: float) -> bytes:
     """What the log keeps of a body."""
-    target = Target("grid3d", Grid("map", (0.0, 0.0, 0.0), 0.1, lab.SHAPE), latest)
+    target = Target("grid3d", GridGeometry("map", (0.0, 0.0, 0.0), 0.1, lab.SHAPE), latest)
     return pack_measurements(parse(Body(body, ARROW), target))

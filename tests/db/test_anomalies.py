@@ -13,7 +13,7 @@ from tests.db.test_locations import VALUES
 from tests.support.waiting import WAIT_S
 from tidemap.errors import AnomalyNotFoundError
 from tidemap.storage.records import AnomalyRecord, LocationRecord
-from tidemap.storage.repositories.anomalies import EventFilter
+from tidemap.storage.repositories.anomalies import AnomalyFilter
 from tidemap.storage.store import Store
 from tidemap.storage.work import Work
 
@@ -39,7 +39,7 @@ def event_of(location: LocationRecord, **changes: Any) -> AnomalyRecord:
 
 def ids(store: Store, **wanted: Any) -> list[int]:
     with store.read() as work:
-        return [event.id for event in work.anomalies.list(EventFilter(**wanted))]
+        return [event.id for event in work.anomalies.list(AnomalyFilter(**wanted))]
 
 
 def test_an_event_comes_back_as_it_was(store: Store, location: LocationRecord) -> None:
@@ -57,7 +57,7 @@ def test_nothing_is_stored_of_no_events(store: Store) -> None:
     assert store.write(lambda work: work.anomalies.append([])) == []
     with store.read() as work:
         assert work.anomalies.latest() == 0
-        assert work.anomalies.list(EventFilter()) == []
+        assert work.anomalies.list(AnomalyFilter()) == []
 
 
 def test_every_filter_leaves_out_what_it_says(store: Store, location: LocationRecord) -> None:
@@ -102,7 +102,7 @@ def test_an_acknowledgement_is_kept_and_can_be_replaced(store: Store, location: 
 def test_an_id_follows_the_commit_not_the_start_of_a_write(
     store: Store, second: Store, location: LocationRecord
 ) -> None:
-    """Whoever takes an id keeps others from taking a later one until its own is visible."""
+    """A writer that takes an id keeps others from taking a later one until its own is visible."""
     taken, go_on = Event(), Event()
 
     def slow(work: Work) -> int:

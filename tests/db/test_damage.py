@@ -99,7 +99,7 @@ class TestSpectrum:
             with pytest.raises(CorruptChunkError, match="spectrum of location 'lab', chunk 1 is corrupt: its checksum"):
                 ask()
 
-    def test_it_is_told_of_once_and_counted_until_it_is_mended(
+    def test_it_is_told_of_once_and_counted_until_it_is_repaired(
         self, ctx: Context, caplog: pytest.LogCaptureFixture
     ) -> None:
         make_lab(ctx)

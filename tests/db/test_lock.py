@@ -44,7 +44,7 @@ def taken(lock: Lock) -> int:
 
 
 def break_lock(url: str, lock: Lock) -> None:
-    """Take it away from whoever holds it."""
+    """Take it away from its holder."""
     if isinstance(lock, FileLock):
         lock._path.unlink()
         return

@@ -170,7 +170,7 @@ def test_a_missing_chunk_is_named(ctx: Context) -> None:
 
 
 def test_an_update_between_asking_and_loading_is_followed(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The chunks of a revision go when the next is published, also for whoever is about to read them."""
+    """The chunks of a revision go when the next is published, also for a reader that is about to read them."""
     fit_lab(ctx)
     from tidemap.services import spectra
 

@@ -12,7 +12,7 @@ from tests.support.contexts import compact_now, make_location, post_rows, post_s
 from tests.support.truth import measurements_of
 from tidemap.errors import DatabaseUnusableError, SchemaVersionError
 from tidemap.history.segment import Segment
-from tidemap.services.checks import Tally
+from tidemap.services.checks import LogTotals
 from tidemap.services.context import Context
 from tidemap.services.jobs import request_update
 from tidemap.services.keys import create_key
@@ -63,12 +63,12 @@ def findings(url: str) -> list[str]:
 
 def test_a_database_in_order_is_in_order(url: str) -> None:
     found: list[Finding] = []
-    assert verify(url, found.append) == Tally(locations=3, blobs=8, observations=5)
+    assert verify(url, found.append) == LogTotals(locations=3, blobs=8, observations=5)
     assert found == []
 
 
 def test_an_empty_database_is_in_order(database_url: str) -> None:
-    assert verify(database_url, lambda finding: pytest.fail(str(finding))) == Tally()
+    assert verify(database_url, lambda finding: pytest.fail(str(finding))) == LogTotals()
 
 
 def test_it_is_in_order_after_everything_is_compacted(ctx: Context, url: str) -> None:
@@ -186,7 +186,7 @@ def test_every_blob_is_looked_at(url: str) -> None:
             for blob in connection.execute(text(query)).scalars().all():
                 change = text(f"UPDATE {table} SET {column} = :new WHERE {column} = :old")
                 connection.execute(change, {"new": flipped(bytes(blob)), "old": blob})
-    tally = Tally(locations=3, blobs=8, observations=5)
+    tally = LogTotals(locations=3, blobs=8, observations=5)
     found: list[Finding] = []
     assert verify(url, found.append) == tally
     assert [finding.what for finding in found if finding.what == "its checksum is wrong"] == [

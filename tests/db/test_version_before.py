@@ -11,7 +11,7 @@ import pytest
 
 from tests.support.contexts import compact_now, opened, refit
 from tidemap.services.anomalies import EventQuery, list_events
-from tidemap.services.checks import Tally
+from tidemap.services.checks import LogTotals
 from tidemap.services.jobs import list_jobs
 from tidemap.services.predict import StateQuery, state_at
 from tidemap.services.verify import Finding, verify
@@ -31,13 +31,13 @@ def url(tmp_path: Path) -> str:
     return address
 
 
-def findings(url: str) -> tuple[Tally, list[Finding]]:
+def findings(url: str) -> tuple[LogTotals, list[Finding]]:
     found: list[Finding] = []
     return verify(url, found.append), found
 
 
 def test_it_verifies_clean(url: str) -> None:
-    assert findings(url) == (Tally(locations=3, blobs=7, observations=4), [])
+    assert findings(url) == (LogTotals(locations=3, blobs=7, observations=4), [])
 
 
 def test_it_answers_as_before(url: str) -> None:

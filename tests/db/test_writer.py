@@ -16,12 +16,12 @@ from tests.db.test_locations import VALUES
 from tests.db.test_observations import record_of
 from tests.support.waiting import WAIT_S
 from tidemap.errors import (
+    DomainError,
     InvalidInputError,
     KeyNotFoundError,
     QueueFullError,
     ShuttingDownError,
     StorageUnavailableError,
-    TidemapError,
 )
 from tidemap.storage.engine import open_reader, open_writer
 from tidemap.storage.gate import Gate
@@ -425,7 +425,7 @@ def test_a_log_file_that_readers_kept_open_is_emptied_when_they_let_go(
     store: Store, engine: Engine, database_url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     only_on(engine, "sqlite")
-    monkeypatch.setattr("tidemap.storage.checkpoint.MOST_BYTES", 50_000)
+    monkeypatch.setattr("tidemap.storage.checkpoint.MAX_BYTES", 50_000)
     monkeypatch.setattr("tidemap.storage.checkpoint.PATIENCE_S", 0.001)
     monkeypatch.setattr("tidemap.storage.checkpoint.REST_S", 0.0)
     log = Path(database_url.removeprefix("sqlite:///") + "-wal")
@@ -444,7 +444,7 @@ def test_items_beside_each_other_are_written_at_once_and_each_refused_for_itself
 ) -> None:
     calls: list[list[str]] = []
 
-    def make_all(work: Work, wanted: Sequence[str]) -> list[str | TidemapError]:
+    def make_all(work: Work, wanted: Sequence[str]) -> list[str | DomainError]:
         calls.append(list(wanted))
         return [key(name)(work) if name != "refused" else KeyNotFoundError(7) for name in wanted]
 

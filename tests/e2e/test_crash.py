@@ -16,7 +16,7 @@ from tests.support.waiting import WAIT_S
 from tidemap.client import Client
 
 KILLS = 20
-LONGEST_S = 1.0
+MAX_KILL_S = 1.0
 STARTING_S = 0.5
 """About what it takes to start."""
 
@@ -29,7 +29,7 @@ def test_a_server_killed_twenty_times_has_lost_nothing(server: StartServer, data
     with fleet_at_work(tmp_path, running.url) as fleet:
         for _ in range(KILLS):
             fleet.wait_for_answers(1)
-            time.sleep(chance.uniform(0, LONGEST_S))
+            time.sleep(chance.uniform(0, MAX_KILL_S))
             running.kill()
             running.restart()
         fleet.wait_for_answers(10)

@@ -17,7 +17,7 @@ from tests.support.site import Site
 from tests.support.waiting import until
 
 ENDS = [signal.SIGKILL, signal.SIGINT, signal.SIGKILL, signal.SIGQUIT, signal.SIGKILL]
-LONGEST_S = 0.8
+MAX_KILL_S = 0.8
 
 
 @pytest.fixture
@@ -37,7 +37,7 @@ def test_a_database_that_dies_and_comes_back(server: StartServer, mortal: Postgr
         with fleet_at_work(tmp_path, site.server.url) as fleet:
             for how in chance.sample(ENDS, len(ENDS)):
                 fleet.wait_for_answers(5)
-                time.sleep(chance.uniform(0, LONGEST_S))
+                time.sleep(chance.uniform(0, MAX_KILL_S))
                 refused = len(fleet.failures)
                 mortal.end(how)
                 # Who worked for it may outlive it for a moment.

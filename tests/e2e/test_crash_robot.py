@@ -22,7 +22,7 @@ OUTBOXES = {0: "shared", 1: "shared", 2: "second", 3: "third"}
 """By robot: two have one together."""
 DEATHS = 5
 """Of every robot."""
-LONGEST_S = 0.5
+MAX_KILL_S = 0.5
 
 
 class Life:
@@ -59,7 +59,7 @@ def lead(running: ServerProcess, folder: Path, robot: int, seed: int) -> list[Si
     chance = random.Random(seed)
     for _ in range(DEATHS):
         life = Life(running.url, folder / OUTBOXES[robot], folder / f"{robot}.receipts", robot)
-        life.kill(chance.uniform(0, LONGEST_S))
+        life.kill(chance.uniform(0, MAX_KILL_S))
     return life.kept()
 
 
@@ -71,7 +71,7 @@ def test_robots_killed_twenty_times_lose_nothing_they_kept(server: StartServer, 
     with ThreadPoolExecutor(len(OUTBOXES)) as pool:
         lives = [pool.submit(lead, running, tmp_path, robot, chance.getrandbits(32)) for robot in OUTBOXES]
         for _ in range(3):
-            time.sleep(chance.uniform(0, LONGEST_S))
+            time.sleep(chance.uniform(0, MAX_KILL_S))
             running.kill()
             running.restart()
         kept = [sighting for each in lives for sighting in each.result()]

@@ -26,7 +26,7 @@ from tests.support.waiting import WAIT_S, until
 
 QUIET = {"TIDEMAP_VIEWER": "false", "TIDEMAP_UPDATER": "false"}
 KILLS = 5
-LONGEST_S = 1.0
+MAX_KILL_S = 1.0
 GRID = {"frame": "map", "origin": [0, 0, 0], "resolution_m": 0.1, "shape": [100, 100, 20]}
 CELLS, LOOKS = 200_000, 10
 BEGUN = 0.15
@@ -41,17 +41,17 @@ def replica(server: StartServer) -> Iterator[Sites]:
         yield lambda url: stack.enter_context(Site(server(database_url=url, env=QUIET, launch=Forked)))
 
 
-def on_duty(server: ServerProcess) -> bool:
+def is_leader(server: ServerProcess) -> bool:
     """Whether a server says that it does the background work."""
     said = httpx.get(f"{server.url}/metrics", trust_env=False, timeout=WAIT_S).text
     (value,) = re.findall(r"^tidemap_background (\S+)$", said, re.MULTILINE)
     return float(value) == 1
 
 
-def wait_for_duty(server: ServerProcess) -> None:
+def wait_for_election(server: ServerProcess) -> None:
     began = time.monotonic()
-    until(lambda: on_duty(server))
-    print(f"on duty after {time.monotonic() - began:.2f} s")
+    until(lambda: is_leader(server))
+    print(f"elected after {time.monotonic() - began:.2f} s")
 
 
 def fill_lab(site: Site) -> None:
@@ -87,9 +87,9 @@ def check_published(site: Site, number: int, url: str) -> None:
 
 
 def two(replica: Sites, url: str) -> tuple[Site, Site]:
-    """Two servers, the first on duty."""
+    """Two servers, the first is the leader."""
     first = replica(url)
-    wait_for_duty(first.server)
+    wait_for_election(first.server)
     return first, replica(url)
 
 
@@ -101,11 +101,11 @@ def update_begun(site: Site) -> int:
     return number
 
 
-def test_a_job_is_done_whoever_was_asked_for_it(replica: Sites, database_url: str) -> None:
+def test_a_job_is_done_whichever_replica_was_asked(replica: Sites, database_url: str) -> None:
     first, second = two(replica, database_url)
     room = second.empty_room()
-    assert not on_duty(second.server)
-    assert on_duty(first.server)
+    assert not is_leader(second.server)
+    assert is_leader(first.server)
     began = time.monotonic()
     assert second.update(room)["state"] == "done"
     print(f"done after {time.monotonic() - began:.2f} s")
@@ -117,7 +117,7 @@ def test_a_job_is_done_whoever_was_asked_for_it(replica: Sites, database_url: st
 def test_one_that_stops_leaves_the_work_to_another(replica: Sites, database_url: str) -> None:
     first, second = two(replica, database_url)
     assert first.server.stop() == 0
-    wait_for_duty(second.server)
+    wait_for_election(second.server)
     second.update(second.empty_room())
 
 
@@ -126,12 +126,12 @@ def test_one_killed_in_an_update_is_replaced_and_the_update_published_once(repli
     number = update_begun(second)
     with second.events("?location=lab") as events:
         first.server.kill()
-        wait_for_duty(second.server)
+        wait_for_election(second.server)
         told = listen_for(events, 1)
         until_begun(second, number)
-        # Another one begins, and takes nothing that runs away from whoever runs it.
+        # Another one begins, and takes no running job away from its process.
         third = replica(database_url)
-        assert not on_duty(third.server)
+        assert not is_leader(third.server)
         until(lambda: job(second, number)["finished_at"] is not None)
         told += heard(events, 2)
     published = [message["id"] for message in told if message["kind"] == "update"]
@@ -149,14 +149,14 @@ def test_one_that_was_frozen_does_no_harm_when_it_goes_on(replica: Sites, postgr
         os.kill(first.server.process.pid, signal.SIGSTOP)
         try:
             with second.events("?location=lab") as events:
-                wait_for_duty(second.server)
+                wait_for_election(second.server)
                 listen_for(events, 1)
                 until_begun(second, number)
         finally:
             os.kill(first.server.process.pid, signal.SIGCONT)
-        until(lambda: not on_duty(first.server))
+        until(lambda: not is_leader(first.server))
         until(lambda: job(second, number)["finished_at"] is not None)
-        assert on_duty(second.server)
+        assert is_leader(second.server)
         check_published(first, number, url)
         assert "Traceback" not in first.server.output() + second.server.output()
 
@@ -168,23 +168,25 @@ def test_one_whose_session_is_ended_gives_up_or_begins_anew(replica: Sites, post
         postgres.execute("SELECT pg_terminate_backend(pid) FROM pg_locks WHERE locktype = 'advisory' AND granted")
         until(lambda: "no longer" in first.server.output())
         until(lambda: job(second, number)["finished_at"] is not None)
-        until(lambda: on_duty(first.server) != on_duty(second.server))
+        until(lambda: is_leader(first.server) != is_leader(second.server))
         check_published(second, number, url)
 
 
 @pytest.mark.slow
-def test_whoever_is_killed_nothing_is_lost_or_doubled(server: StartServer, database_url: str, tmp_path: Path) -> None:
+def test_whichever_process_is_killed_nothing_is_lost_or_doubled(
+    server: StartServer, database_url: str, tmp_path: Path
+) -> None:
     servers = [server(database_url=database_url, env=RESTLESS, launch=Forked) for _ in range(2)]
     make_locations(servers[0].url)
     chance = dice()
     with fleet_at_work(tmp_path, *(each.url for each in servers)) as fleet:
         for _ in range(KILLS):
             fleet.wait_for_answers(1)
-            time.sleep(chance.uniform(0, LONGEST_S))
-            until(lambda: on_duty(servers[0]) or on_duty(servers[1]))
-            killed, other = servers if on_duty(servers[0]) else reversed(servers)
+            time.sleep(chance.uniform(0, MAX_KILL_S))
+            until(lambda: is_leader(servers[0]) or is_leader(servers[1]))
+            killed, other = servers if is_leader(servers[0]) else reversed(servers)
             killed.kill()
-            wait_for_duty(other)
+            wait_for_election(other)
             killed.restart()
         fleet.wait_for_answers(10)
     assert "Traceback" not in "".join(each.output() for each in servers)

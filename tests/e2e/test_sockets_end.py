@@ -1,4 +1,4 @@
-"""A socket ends with the key or session that opened it, whoever ended that and in which process."""
+"""A socket ends with the key or session that opened it, in every process."""
 
 import httpx
 from websockets.exceptions import ConnectionClosed

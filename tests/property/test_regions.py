@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tidemap.space.grid import NEIGHBOURS, SINGLE, Grid
+from tidemap.space.grid import NEIGHBOURS, SINGLE, GridGeometry
 from tidemap.space.regions import label_regions
 
 Mark = tuple[int, int, int]
 """(sample, cell, state)."""
 GRIDS = st.builds(
-    lambda origin, resolution, shape: Grid("map", tuple(origin), resolution, tuple(shape)),
+    lambda origin, resolution, shape: GridGeometry("map", tuple(origin), resolution, tuple(shape)),
     st.lists(st.floats(-1e3, 1e3), min_size=3, max_size=3),
     st.sampled_from([0.05, 0.1, 0.2, 1.0, 7.3]),
     st.lists(st.integers(1, 5), min_size=1, max_size=3),
@@ -22,7 +22,7 @@ quick = settings(max_examples=80)
 
 
 @st.composite
-def marked(draw: st.DrawFn) -> tuple[Grid, list[Mark]]:
+def marked(draw: st.DrawFn) -> tuple[GridGeometry, list[Mark]]:
     """A grid and distinct marks on it, few samples apart."""
     grid = draw(GRIDS)
     first = draw(st.sampled_from([-(10**12), -3, 0, 10**12]))
@@ -32,7 +32,7 @@ def marked(draw: st.DrawFn) -> tuple[Grid, list[Mark]]:
     return grid, draw(st.permutations(marks))
 
 
-def belong(grid: Grid, one: Mark, other: Mark) -> bool:
+def belong(grid: GridGeometry, one: Mark, other: Mark) -> bool:
     """The definition."""
     (t, a, s), (u, b, r) = one, other
     if s != r:
@@ -43,7 +43,7 @@ def belong(grid: Grid, one: Mark, other: Mark) -> bool:
     return t == u and int(np.abs(i - j).max()) <= 1
 
 
-def search(grid: Grid, marks: list[Mark]) -> set[frozenset[Mark]]:
+def search(grid: GridGeometry, marks: list[Mark]) -> set[frozenset[Mark]]:
     """Groups, found by walking from mark to mark."""
     left, groups = set(marks), set()
     while left:
@@ -58,7 +58,7 @@ def search(grid: Grid, marks: list[Mark]) -> set[frozenset[Mark]]:
     return groups
 
 
-def labelled(grid: Grid, marks: list[Mark]) -> set[frozenset[Mark]]:
+def labelled(grid: GridGeometry, marks: list[Mark]) -> set[frozenset[Mark]]:
     sample, cell, state = (np.array(column, np.int64) for column in zip(*marks, strict=True))
     label = label_regions(grid, sample, cell, state.astype(np.uint8))
     assert label.shape == (len(marks),)
@@ -67,7 +67,7 @@ def labelled(grid: Grid, marks: list[Mark]) -> set[frozenset[Mark]]:
 
 @quick
 @given(marked())
-def test_regions_are_the_groups_that_a_search_finds(case: tuple[Grid, list[Mark]]) -> None:
+def test_regions_are_the_groups_that_a_search_finds(case: tuple[GridGeometry, list[Mark]]) -> None:
     assert labelled(*case) == search(*case)
 
 
@@ -78,7 +78,7 @@ def test_no_marks_no_regions() -> None:
 
 def test_a_region_does_not_go_round_the_edge() -> None:
     """The last cell of a row and the first of the next are neighbours in memory, not in space."""
-    grid = Grid("map", (0.0, 0.0, 0.0), 1.0, (3, 4, 5))
+    grid = GridGeometry("map", (0.0, 0.0, 0.0), 1.0, (3, 4, 5))
     left, right = grid.cell([[0, 0, 4], [0, 3, 0]])[:2].tolist()
     assert len(labelled(grid, [(0, left, 1), (0, left + 1, 1)])) == 2
     assert len(labelled(grid, [(0, right, 1), (0, right + 5, 1)])) == 2
@@ -92,7 +92,7 @@ def test_half_of_the_neighbours_and_their_opposites_are_all() -> None:
 
 @quick
 @given(GRIDS)
-def test_index_and_cell_are_inverse(grid: Grid) -> None:
+def test_index_and_cell_are_inverse(grid: GridGeometry) -> None:
     cells = np.arange(grid.n_cells)
     index = grid.index(cells)
     np.testing.assert_array_equal(grid.cell(index), cells)
@@ -102,7 +102,7 @@ def test_index_and_cell_are_inverse(grid: Grid) -> None:
 
 @quick
 @given(GRIDS, st.sampled_from([(-1, 0, 0), (0, -1, 0), (0, 0, -1), (9, 0, 0), (0, 9, 0), (0, 0, 9)]))
-def test_what_is_outside_is_no_cell(grid: Grid, index: tuple[int, int, int]) -> None:
+def test_what_is_outside_is_no_cell(grid: GridGeometry, index: tuple[int, int, int]) -> None:
     with pytest.raises(ValueError, match=r"out of bounds|invalid entry"):
         grid.cell([index])
     with pytest.raises(ValueError, match="out of bounds"):
@@ -111,7 +111,7 @@ def test_what_is_outside_is_no_cell(grid: Grid, index: tuple[int, int, int]) -> 
 
 @quick
 @given(GRIDS, st.data())
-def test_a_bounding_box_is_the_least_that_holds_its_cells(grid: Grid, data: st.DataObject) -> None:
+def test_a_bounding_box_is_the_least_that_holds_its_cells(grid: GridGeometry, data: st.DataObject) -> None:
     cells = np.array(data.draw(st.lists(st.integers(0, grid.n_cells - 1), min_size=1, max_size=6)))
     box = np.array(grid.bounding_box(cells))
     assert grid.inside(tuple(box), cells).all()
@@ -124,7 +124,7 @@ def test_a_bounding_box_is_the_least_that_holds_its_cells(grid: Grid, data: st.D
 
 @quick
 @given(GRIDS, st.data())
-def test_inside_is_decided_by_the_centre(grid: Grid, data: st.DataObject) -> None:
+def test_inside_is_decided_by_the_centre(grid: GridGeometry, data: st.DataObject) -> None:
     cells = np.arange(grid.n_cells)
     corners = np.sort([data.draw(st.floats(-1e3, 1e3)) for _ in range(6)]).reshape(2, 3)
     centre = np.array(grid.origin) + (np.array(list(np.ndindex(grid.shape3))) + 0.5) * grid.resolution_m

@@ -254,7 +254,7 @@ def test_a_look_is_put_in_order_as_any_measurements_are_and_what_is_wrong_is_non
         assert unpack_measurements(pack_measurements(look), "look").cell.tolist() == sorted(cells)
 
 
-def test_a_look_of_other_types_is_left_to_whoever_names_what_is_wrong() -> None:
+def test_a_look_of_other_types_is_left_to_the_full_check() -> None:
     time, cell, state = np.zeros(2), np.arange(2, dtype=np.uint32), np.zeros(2, np.uint8)
     assert sort_snapshot(time, cell, state, (0.0, 1.0), 2) is not None
     assert sort_snapshot(time, cell.astype(np.int64), state, (0.0, 1.0), 2) is None

@@ -71,7 +71,7 @@ def at_work(worker: AtWork) -> Iterator[AtWork]:
         worker.stop()
 
 
-def on_duty(ctx: Context) -> AbstractContextManager[LeaderElection]:
+def elected(ctx: Context) -> AbstractContextManager[LeaderElection]:
     """This process does the background work, unless another one does already."""
     return at_work(LeaderElection(ctx))
 

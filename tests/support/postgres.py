@@ -54,7 +54,7 @@ class Postgres:
         return name
 
     def drop(self, name: str) -> None:
-        """Remove a database and disconnect whoever still uses it."""
+        """Remove a database and disconnect all that still use it."""
         self.execute(f'DROP DATABASE "{name}" WITH (FORCE)')
 
     def execute(self, statement: str) -> None:

@@ -14,7 +14,7 @@ from starlette.requests import HTTPConnection
 
 from tidemap.api.limits import Limits, Senders
 from tidemap.api.state import state_of
-from tidemap.errors import ForbiddenError, OtherSiteError, TidemapError, UnauthorizedError
+from tidemap.errors import DomainError, ForbiddenError, OtherSiteError, UnauthorizedError
 from tidemap.schemas.keys import Role
 from tidemap.services.context import Context
 from tidemap.services.keys import OPEN, Claim, Principal, allows, by_secret, by_session, digest_of, is_open
@@ -27,7 +27,7 @@ ENDED = (4401, "the key or session has ended; sign in again")
 READING = frozenset({"GET", "HEAD", "OPTIONS"})
 
 
-def of_connection(connection: HTTPConnection) -> Principal:
+def authenticate(connection: HTTPConnection) -> Principal:
     """Who opened this request or socket; asked again of the same one, it is neither looked up nor counted again.
 
     Raises UnauthorizedError when keys exist and none is given, OtherSiteError, RateLimitError.
@@ -45,7 +45,7 @@ def require(role: Role) -> Callable[[Request], Principal]:
     """A dependency: who asks, if their role allows what `role` may."""
 
     def check(request: Request) -> Principal:
-        principal = of_connection(request)
+        principal = authenticate(request)
         _check_role(principal, role)
         return principal
 
@@ -57,7 +57,7 @@ async def until_ended(connection: HTTPConnection) -> None:
 
     Asks the database every RECHECK_S; while that fails the socket stays.
     """
-    opened_by = await run_in_threadpool(of_connection, connection)
+    opened_by = await run_in_threadpool(authenticate, connection)
     while True:
         await asyncio.sleep(RECHECK_S)
         try:
@@ -65,7 +65,7 @@ async def until_ended(connection: HTTPConnection) -> None:
                 return
         except (UnauthorizedError, OtherSiteError):
             return
-        except (TidemapError, SQLAlchemyError):
+        except (DomainError, SQLAlchemyError):
             continue
 
 
@@ -92,26 +92,26 @@ def _count(connection: HTTPConnection, principal: Principal) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Sender:
+class Admission:
     """Who posts or asks; `claim` is to be confirmed where the database is read."""
 
     principal: Principal
     claim: Claim | None
 
 
-def sending(role: Role) -> Callable[[Request], Coroutine[Any, Any, Sender]]:
+def require_sender(role: Role) -> Callable[[Request], Coroutine[Any, Any, Admission]]:
     """A dependency: who posts or asks, if their role allows what `role` may.
 
-    Whoever did lately is looked up where the database is read anyway, not here. Raises as `of_connection`,
+    A key that did lately is looked up where the database is read anyway, not here. Raises as `authenticate`,
     ForbiddenError.
     """
 
-    async def check(request: Request) -> Sender:
+    async def check(request: Request) -> Admission:
         secret = _bearer(request)
         digest = None if secret is None else digest_of(secret)
         claim = None if digest is None and COOKIE in request.cookies else _senders(request).get(digest)
         if claim is None:
-            principal = await run_in_threadpool(of_connection, request)
+            principal = await run_in_threadpool(authenticate, request)
             if digest is not None or principal == OPEN:
                 claim = Claim(principal, digest)
                 _senders(request).add(claim)
@@ -121,12 +121,12 @@ def sending(role: Role) -> Callable[[Request], Coroutine[Any, Any, Sender]]:
                 _refuse_strangers(request)
             _count(request, principal)
         _check_role(principal, role)
-        return Sender(principal, claim)
+        return Admission(principal, claim)
 
     return check
 
 
-async def confirming(request: Request, sender: Sender, answer: Awaitable[Answer]) -> Answer:
+async def confirming(request: Request, sender: Admission, answer: Awaitable[Answer]) -> Answer:
     """An answer whose maker confirms the sender's claim; one that turns out untrue is refused.
 
     Raises UnauthorizedError, RateLimitError.
@@ -145,7 +145,7 @@ async def _refuse(request: Request, claim: Claim) -> None:
     Raises UnauthorizedError, RateLimitError.
     """
     _senders(request).forget(claim)
-    await run_in_threadpool(of_connection, request)
+    await run_in_threadpool(authenticate, request)
 
 
 @contextmanager

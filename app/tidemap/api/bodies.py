@@ -12,7 +12,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import Message, Receive
 
-from tidemap.api.auth import of_connection
+from tidemap.api.auth import authenticate
 from tidemap.api.budget import Share
 from tidemap.api.parameters import StrictRoute
 from tidemap.api.state import state_of
@@ -31,7 +31,7 @@ FORM_COST = 32
 
 
 class Unpacker:
-    """Unpacks a stream of one or more members (gzip) or frames (zstd), of which `open_` opens the next."""
+    """Unpacks a stream of one or more members (gzip) or frames (zstd); `open_` opens the next one."""
 
     def __init__(self, open_: Callable[[], Any]) -> None:
         self._open = open_
@@ -149,7 +149,7 @@ class FormRoute(StrictRoute):
             return handle
 
         async def handle_read(request: Request) -> Response:
-            await run_in_threadpool(of_connection, request)
+            await run_in_threadpool(authenticate, request)
             with state_of(request).budget.share() as share:
                 content = await read_body(request, MAX_FORM_BYTES, share)
                 if content:

@@ -22,7 +22,7 @@ class PendingGrant:
 
 
 class Budget:
-    """`total` bytes, given to whoever asks first. For one event loop.
+    """`total` bytes, given in the order of asking. For one event loop.
 
     One share at a time may overdraw: it never waits, so it comes to its end and gives back, however many half-read
     bodies hold the rest. So at most `total` and what one body may take is held, and nobody waits for ever.

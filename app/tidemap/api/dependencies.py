@@ -5,7 +5,7 @@ from typing import Annotated
 from fastapi import Depends, Query, Request
 from pydantic import AfterValidator
 
-from tidemap.api.auth import Sender, require, sending
+from tidemap.api.auth import Admission, require, require_sender
 from tidemap.api.bodies import read_body
 from tidemap.api.budget import Share
 from tidemap.api.state import state_of
@@ -57,14 +57,14 @@ def cursor(name: str, value: str | None) -> int | None:
 
 def _storable(number: int) -> int:
     """The id, or the greatest or least that a database holds, which nothing has."""
-    return max(-LARGEST_ID, min(number, LARGEST_ID))
+    return max(-MAX_ID, min(number, MAX_ID))
 
 
-LARGEST_ID = 2**63 - 1
+MAX_ID = 2**63 - 1
 Id = Annotated[int, AfterValidator(_storable)]
 Ctx = Annotated[Context, Depends(context)]
-Robot = Annotated[Sender, Depends(sending("robot"))]
-Asker = Annotated[Sender, Depends(sending("operator"))]
+Robot = Annotated[Admission, Depends(require_sender("robot"))]
+Asker = Annotated[Admission, Depends(require_sender("operator"))]
 Operator = Annotated[Principal, Depends(require("operator"))]
 Admin = Annotated[Principal, Depends(require("admin"))]
 TimeQuery = Annotated[str | None, Query(description="Unix seconds, or ISO 8601 with a zone.")]

@@ -51,21 +51,21 @@ def problem_response(status: int, problem: Problem, headers: Mapping[str, str] |
 
 def install(app: FastAPI) -> None:
     """Answer every error of the app with a problem document."""
-    app.add_exception_handler(errors.TidemapError, _domain)
+    app.add_exception_handler(errors.DomainError, _domain)
     app.add_exception_handler(RequestValidationError, _validation)
     app.add_exception_handler(HTTPException, _http)
     app.add_exception_handler(Exception, _unexpected)
 
 
 def _domain(request: Request, error: Exception) -> Response:
-    if not isinstance(error, errors.TidemapError):
+    if not isinstance(error, errors.DomainError):
         raise error
     if isinstance(error, errors.BusyError):
         state_of(request).refused.labels(error.code).inc()
     return domain_response(request.url.path, error)
 
 
-def domain_response(path: str, error: errors.TidemapError) -> Response:
+def domain_response(path: str, error: errors.DomainError) -> Response:
     """The problem document of a domain error at a path."""
     status = look_up(STATUS, error, 500)
     if status == HTTPStatus.INTERNAL_SERVER_ERROR:

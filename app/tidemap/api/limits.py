@@ -57,7 +57,7 @@ class Rate:
 
 
 class Lately:
-    """The `most` secrets that were right last, of which nothing but a hash is kept. May be shared by threads."""
+    """The `most` secrets that were right last, kept as hashes only. May be shared by threads."""
 
     def __init__(self, most: int = MAX_NAMES) -> None:
         self._right: LRUCache[int, None] = LRUCache(most)
@@ -95,7 +95,7 @@ class Senders:
 class Limits:
     """The rates of a server: requests by key, or by address where none is needed; wrong keys by address.
 
-    A key that was right lately is looked up however many wrong ones come from its address: whoever guesses, or goes
+    A key that was right lately is looked up however many wrong ones come from its address: a client that guesses, or goes
     on sending a revoked key, locks out nobody who works beside.
     """
 

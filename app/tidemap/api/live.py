@@ -11,13 +11,13 @@ from fastapi import APIRouter, WebSocket
 from starlette.concurrency import run_in_threadpool
 from starlette.websockets import WebSocketDisconnect, WebSocketState
 
-from tidemap.api.auth import ENDED, of_connection, until_ended
+from tidemap.api.auth import ENDED, authenticate, until_ended
 from tidemap.api.dependencies import cursor
 from tidemap.api.errors import domain_response
 from tidemap.api.parameters import refuse_unknown
 from tidemap.api.state import state_of
-from tidemap.errors import ForbiddenError, InvalidInputError, TidemapError
-from tidemap.events.messages import Kind, Message
+from tidemap.errors import DomainError, ForbiddenError, InvalidInputError
+from tidemap.events.messages import EventMessage, Kind
 from tidemap.services.anomalies import EventQuery, list_events
 from tidemap.services.context import Context
 from tidemap.services.keys import allows
@@ -31,14 +31,14 @@ REPLAY_PAGE = 500
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
+class EventFilter:
     """What a reader wants to hear; `after` is the last anomaly it has seen."""
 
     location: str | None
     kinds: frozenset[str]
     after: int | None
 
-    def wants(self, message: Message) -> bool:
+    def wants(self, message: EventMessage) -> bool:
         """Whether this message is for the reader."""
         return message.kind in self.kinds and self.location in (None, message.location)
 
@@ -48,11 +48,11 @@ class Backlog:
 
     def __init__(self, limit: int) -> None:
         self._limit = limit
-        self._waiting: deque[Message] = deque()
+        self._waiting: deque[EventMessage] = deque()
         self._filled = asyncio.Event()
         self.overflowed = asyncio.Event()
 
-    def put(self, message: Message) -> None:
+    def put(self, message: EventMessage) -> None:
         """In the reader's event loop."""
         if len(self._waiting) >= self._limit:
             self._waiting.clear()
@@ -61,7 +61,7 @@ class Backlog:
             self._waiting.append(message)
             self._filled.set()
 
-    async def get(self) -> Message:
+    async def get(self) -> EventMessage:
         """The next message, when there is one."""
         while not self._waiting:
             self._filled.clear()
@@ -75,13 +75,13 @@ async def events(socket: WebSocket) -> None:
     ctx: Context = state_of(socket).ctx
     try:
         wish = await run_in_threadpool(_wish, ctx, socket)
-    except TidemapError as error:
+    except DomainError as error:
         await socket.send_denial_response(domain_response(socket.url.path, error))
         return
     loop = asyncio.get_running_loop()
     backlog = Backlog(ctx.settings.socket_queue)
 
-    def listen(message: Message) -> None:
+    def listen(message: EventMessage) -> None:
         if wish.wants(message):
             loop.call_soon_threadsafe(backlog.put, message)
 
@@ -93,12 +93,12 @@ async def events(socket: WebSocket) -> None:
         unsubscribe()
 
 
-def _wish(ctx: Context, socket: WebSocket) -> Wish:
+def _wish(ctx: Context, socket: WebSocket) -> EventFilter:
     """What the reader asks for.
 
     Raises UnauthorizedError, ForbiddenError, OtherSiteError, RateLimitError, InvalidInputError, LocationNotFoundError.
     """
-    principal = of_connection(socket)
+    principal = authenticate(socket)
     if not allows(principal.role, "operator"):
         raise ForbiddenError(f"The key {principal.name!r} has role {principal.role}; events need operator or admin.")
     query = socket.query_params
@@ -111,10 +111,10 @@ def _wish(ctx: Context, socket: WebSocket) -> Wish:
     location = query.get("location")
     if location is not None:
         find_location(ctx, location)
-    return Wish(location, frozenset(asked or known), cursor("after", query.get("after")))
+    return EventFilter(location, frozenset(asked or known), cursor("after", query.get("after")))
 
 
-async def _stream(ctx: Context, socket: WebSocket, wish: Wish, backlog: Backlog) -> None:
+async def _stream(ctx: Context, socket: WebSocket, wish: EventFilter, backlog: Backlog) -> None:
     sender = asyncio.create_task(_send(ctx, socket, wish, backlog))
     ended = asyncio.create_task(until_ended(socket))
     tasks = [sender, ended, asyncio.create_task(_until_gone(socket)), asyncio.create_task(backlog.overflowed.wait())]
@@ -138,7 +138,7 @@ def _why(backlog: Backlog, ended: asyncio.Task[None]) -> tuple[int, str]:
     return ENDED if ended.done() else (1011, "failed")
 
 
-async def _send(ctx: Context, socket: WebSocket, wish: Wish, backlog: Backlog) -> None:
+async def _send(ctx: Context, socket: WebSocket, wish: EventFilter, backlog: Backlog) -> None:
     replayed = await _replay(ctx, socket, wish)
     while True:
         message = await backlog.get()
@@ -146,7 +146,7 @@ async def _send(ctx: Context, socket: WebSocket, wish: Wish, backlog: Backlog) -
             await _send_one(socket, message)
 
 
-async def _replay(ctx: Context, socket: WebSocket, wish: Wish) -> int:
+async def _replay(ctx: Context, socket: WebSocket, wish: EventFilter) -> int:
     """Send the anomalies since `after`; the id of the last."""
     last = wish.after
     if last is None or "anomaly" not in wish.kinds:
@@ -162,7 +162,7 @@ async def _replay(ctx: Context, socket: WebSocket, wish: Wish) -> int:
             return last
 
 
-async def _send_one(socket: WebSocket, message: Message) -> None:
+async def _send_one(socket: WebSocket, message: EventMessage) -> None:
     await socket.send_text(orjson.dumps(message.wire()).decode())
 
 

@@ -29,7 +29,7 @@ _REASONS = {
     409: "Conflict: the name is taken, the idempotency key was used, or there is no revision yet (`no-model`).",
     413: "The unpacked body is too large.",
     415: "The media type is not read here.",
-    422: "Readable but wrong; `errors` names the fields and the mend.",
+    422: "Readable but wrong; `errors` names the fields and what to change.",
     429: "Too many requests; try again after `Retry-After` seconds.",
     500: "What is asked for is stored, and damaged (`corrupt-chunk`); the server's log says more.",
     503: "Shutting down or busy; try again after `Retry-After` seconds.",
@@ -60,9 +60,9 @@ _DESCRIPTION = (
 def create_app(
     ctx: Context,
     alive: Mapping[str, Callable[[], bool]] | None = None,
-    on_duty: Callable[[], bool] = lambda: False,
+    is_leader: Callable[[], bool] = lambda: False,
 ) -> FastAPI:
-    """The API over a context; `alive` tells /readyz of what runs in the background, `on_duty` whether here."""
+    """The API over a context; `alive` says what runs in the background (for /readyz), `is_leader` whether here."""
     app = FastAPI(
         title="Tidemap",
         summary=_SUMMARY,
@@ -73,7 +73,7 @@ def create_app(
         redoc_url=None,
         license_info={"name": "BSD-3-Clause", "identifier": "BSD-3-Clause"},
     )
-    metrics = make_registry(ctx, on_duty)
+    metrics = make_registry(ctx, is_leader)
     app.state.tidemap = AppState(
         ctx=ctx,
         alive=alive or {},

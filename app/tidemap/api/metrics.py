@@ -9,7 +9,7 @@ from prometheus_client.core import GaugeMetricFamily
 from prometheus_client.registry import Collector
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from tidemap.events.messages import Message as Event
+from tidemap.events.messages import EventMessage
 from tidemap.services.context import Context
 
 METHODS = frozenset(HTTPMethod)
@@ -28,16 +28,16 @@ class ContextCollector(Collector):
         yield GaugeMetricFamily("tidemap_damaged_blobs", "Stored blobs found corrupt.", self._ctx.damage.count())
 
 
-def make_registry(ctx: Context, on_duty: Callable[[], bool] = lambda: False) -> CollectorRegistry:
-    """A registry fed by the bus; `on_duty` says whether this process does the background work."""
+def make_registry(ctx: Context, is_leader: Callable[[], bool] = lambda: False) -> CollectorRegistry:
+    """A registry fed by the bus; `is_leader` says whether this process does the background work."""
     registry = CollectorRegistry()
     registry.register(ContextCollector(ctx))
-    duty = Gauge("tidemap_background", "1 where the background work of the database is done.", registry=registry)
-    duty.set_function(on_duty)
+    leads = Gauge("tidemap_background", "1 where the background work of the database is done.", registry=registry)
+    leads.set_function(is_leader)
     measurements = Counter("tidemap_measurements", "Measurements stored.", registry=registry)
     events = Counter("tidemap_events", "Messages by kind.", ["kind"], registry=registry)
 
-    def listen(event: Event) -> None:
+    def listen(event: EventMessage) -> None:
         events.labels(event.kind).inc()
         if event.kind == "observation":
             measurements.inc(event.data["measurements"])

@@ -10,20 +10,20 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 
-from tidemap.api.auth import of_connection
+from tidemap.api.auth import authenticate
 from tidemap.errors import FieldError, InvalidInputError
 
 
 def refuse_unknown(asked: Iterable[str], known: Collection[str]) -> None:
     """Raise InvalidInputError naming every parameter that is not known, and those that are."""
-    mend = f"known are {', '.join(known)}" if known else "none is known here"
-    unknown = [FieldError(name, f"this parameter is not known; {mend}") for name in asked if name not in known]
+    advice = f"known are {', '.join(known)}" if known else "none is known here"
+    unknown = [FieldError(name, f"this parameter is not known; {advice}") for name in asked if name not in known]
     if unknown:
         raise InvalidInputError(*unknown)
 
 
 class StrictRoute(APIRoute):
-    """A route whose query parameters are all known. Whoever has no key, where one is needed, is told that first."""
+    """A route whose query parameters are all known. A missing key, where one is needed, is reported first."""
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         """The handler of a request with known parameters."""
@@ -36,7 +36,7 @@ class StrictRoute(APIRoute):
             if request.scope["query_string"]:
                 asked = request.query_params.keys()
                 if not asked <= known:
-                    await run_in_threadpool(of_connection, request)
+                    await run_in_threadpool(authenticate, request)
                     refuse_unknown(asked, known)
             return await handle(request)
 

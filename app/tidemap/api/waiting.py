@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from starlette.concurrency import run_in_threadpool
 
-from tidemap.events.messages import Message
+from tidemap.events.messages import EventMessage
 from tidemap.schemas.jobs import Job
 from tidemap.services.context import Context
 from tidemap.services.jobs import get_job
@@ -19,7 +19,7 @@ async def wait_for_job(ctx: Context, request: Callable[[], Job], wait_s: float) 
     loop = asyncio.get_running_loop()
     changed = asyncio.Event()
 
-    def listen(message: Message) -> None:
+    def listen(message: EventMessage) -> None:
         if message.kind == "job":
             loop.call_soon_threadsafe(changed.set)
 

@@ -15,10 +15,10 @@ from tidemap.client.operation import Awaited, AwaitedPoster, R
 from tidemap.client.outbox import AsyncOutbox, Outbox, PathLike, open_outbox
 from tidemap.client.outbox.blocking import present
 from tidemap.client.plans import Plan, Reply, Request, Run, T
-from tidemap.client.posting import Post, Queued, Receipt
+from tidemap.client.posting import Postable, Queued, Receipt
 from tidemap.client.requests import path_of
 from tidemap.client.retry import RetryPolicy, retried
-from tidemap.client.transport import Options, Server
+from tidemap.client.transport import RequestOptions, Server
 from tidemap.schemas.observations import Accepted
 
 
@@ -39,7 +39,7 @@ class AsyncConnection:
             run.send(await self._carry(run.request))
         return run.result
 
-    async def post(self, post: Post) -> Receipt:
+    async def post(self, post: Postable) -> Receipt:
         """Send the measurements, or queue them where there is an outbox."""
         if self.outbox is None:
             return await self.run(post.plan())
@@ -75,11 +75,16 @@ class AsyncClient(ClientOperations[AsyncLocationHandle[R]], Awaited, Generic[R])
         key: str | None = None,
         *,
         outbox: None = None,
-        **options: Unpack[Options],
+        **options: Unpack[RequestOptions],
     ) -> None: ...
     @overload
     def __init__(
-        self: "AsyncClient[Queued]", url: str, key: str | None = None, *, outbox: PathLike, **options: Unpack[Options]
+        self: "AsyncClient[Queued]",
+        url: str,
+        key: str | None = None,
+        *,
+        outbox: PathLike,
+        **options: Unpack[RequestOptions],
     ) -> None: ...
     def __init__(
         self,

@@ -15,10 +15,10 @@ from tidemap.client.operation import Blocking, BlockingPoster, R
 from tidemap.client.outbox import Outbox, PathLike, open_outbox
 from tidemap.client.outbox.blocking import present
 from tidemap.client.plans import Plan, Reply, Request, Run, T
-from tidemap.client.posting import Post, Queued, Receipt
+from tidemap.client.posting import Postable, Queued, Receipt
 from tidemap.client.requests import path_of
 from tidemap.client.retry import RetryPolicy, retried
-from tidemap.client.transport import Options, Server
+from tidemap.client.transport import RequestOptions, Server
 from tidemap.schemas.observations import Accepted
 
 
@@ -39,7 +39,7 @@ class Connection:
             run.send(self._carry(run.request))
         return run.result
 
-    def post(self, post: Post) -> Receipt:
+    def post(self, post: Postable) -> Receipt:
         """Send the measurements, or queue them where there is an outbox."""
         return self.run(post.plan()) if self.outbox is None else self.outbox.put(post)
 
@@ -76,11 +76,16 @@ class Client(ClientOperations[LocationHandle[R]], Blocking, Generic[R]):
 
     @overload
     def __init__(
-        self: "Client[Accepted]", url: str, key: str | None = None, *, outbox: None = None, **options: Unpack[Options]
+        self: "Client[Accepted]",
+        url: str,
+        key: str | None = None,
+        *,
+        outbox: None = None,
+        **options: Unpack[RequestOptions],
     ) -> None: ...
     @overload
     def __init__(
-        self: "Client[Queued]", url: str, key: str | None = None, *, outbox: PathLike, **options: Unpack[Options]
+        self: "Client[Queued]", url: str, key: str | None = None, *, outbox: PathLike, **options: Unpack[RequestOptions]
     ) -> None: ...
     def __init__(
         self,

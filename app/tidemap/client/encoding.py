@@ -21,7 +21,7 @@ Numbers: TypeAlias = Sequence[int] | Sequence[Sequence[int]] | NDArray[Any]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Measurements:
+class PostedColumns:
     """time (n,) float64 Unix seconds, ascending; state (n,) uint8; cell (n,) uint32 or None (`state`)."""
 
     time: NDArray[np.float64]
@@ -36,13 +36,13 @@ class Measurements:
         cell = {} if self.cell is None else {"cell": self.cell}
         return {"time": self.time, **cell, "state": self.state}
 
-    def part(self, start: int, stop: int) -> "Measurements":
+    def part(self, start: int, stop: int) -> "PostedColumns":
         """The measurements [start, stop)."""
         cell = None if self.cell is None else self.cell[start:stop]
-        return Measurements(self.time[start:stop], self.state[start:stop], cell)
+        return PostedColumns(self.time[start:stop], self.state[start:stop], cell)
 
 
-def measurements(time: TimesLike, state: Any, cell: Any = None) -> Measurements:
+def measurements(time: TimesLike, state: Any, cell: Any = None) -> PostedColumns:
     """Columns in order of time; one time for all is repeated. Raises ValueError where lengths differ."""
     states = _small(state, "state", np.uint8)
     cells = None if cell is None else _small(cell, "cell", np.uint32)
@@ -52,16 +52,16 @@ def measurements(time: TimesLike, state: Any, cell: Any = None) -> Measurements:
     lengths = {"time": len(times), "state": len(states)} | ({} if cells is None else {"cell": len(cells)})
     if len(set(lengths.values())) > 1:
         raise ValueError(f"columns differ in length: {lengths}")
-    return _in_order(Measurements(times, states, cells))
+    return _in_order(PostedColumns(times, states, cells))
 
 
-def look(time: TimesLike, occupied: NDArray[Any], free: NDArray[Any]) -> Measurements:
+def look(time: TimesLike, occupied: NDArray[Any], free: NDArray[Any]) -> PostedColumns:
     """One look at a grid at one time: cells seen occupied (m,) and cells seen free (k,)."""
     state = np.repeat(np.array([1, 0], np.uint8), [len(occupied), len(free)])
     return measurements(time, state, np.concatenate([occupied, free]))
 
 
-def batches(columns: Measurements, most: int = MEASUREMENTS_PER_POST) -> Iterator[Measurements]:
+def batches(columns: PostedColumns, most: int = MEASUREMENTS_PER_POST) -> Iterator[PostedColumns]:
     """Consecutive parts of at most `most` measurements, cut between looks where that is possible.
 
     There is always one, so that what an empty post means is left to the server.
@@ -77,12 +77,12 @@ def batches(columns: Measurements, most: int = MEASUREMENTS_PER_POST) -> Iterato
     yield columns.part(start, len(columns))
 
 
-def table(columns: Measurements) -> tuple[str, bytes]:
+def table(columns: PostedColumns) -> tuple[str, bytes]:
     """The columns as bytes of a media type: an Arrow IPC stream, or npy where pyarrow is not installed."""
     return (NPY, rows(columns)) if pa is None else (ARROW, arrow(columns))
 
 
-def arrow(columns: Measurements) -> bytes:
+def arrow(columns: PostedColumns) -> bytes:
     """An Arrow IPC stream of the columns. Needs pyarrow."""
     batch = pa.RecordBatch.from_pydict({name: pa.array(column) for name, column in columns.named().items()})
     sink = pa.BufferOutputStream()
@@ -91,7 +91,7 @@ def arrow(columns: Measurements) -> bytes:
     return bytes(sink.getvalue())
 
 
-def rows(columns: Measurements) -> bytes:
+def rows(columns: PostedColumns) -> bytes:
     """An npy file with one row a measurement, its fields the columns."""
     named = columns.named()
     table = np.empty(len(columns), [(name, column.dtype) for name, column in named.items()])
@@ -100,7 +100,7 @@ def rows(columns: Measurements) -> bytes:
     return npy(table)
 
 
-def looks(columns: Measurements, rows: NDArray[np.int64]) -> bytes:
+def looks(columns: PostedColumns, rows: NDArray[np.int64]) -> bytes:
     """The JSON form of looks at a grid; `columns.cell` counts into `rows` (m, 2 or 3), the cells [i, j, k].
 
     It needs no shape and so no server. Raises ValueError for a state that it cannot say.
@@ -159,9 +159,9 @@ def _small(values: Any, name: str, dtype: type[np.unsignedinteger[Any]]) -> NDAr
     return small
 
 
-def _in_order(columns: Measurements) -> Measurements:
+def _in_order(columns: PostedColumns) -> PostedColumns:
     if (np.diff(columns.time) >= 0).all():
         return columns
     order = np.argsort(columns.time, kind="stable")
     cell = None if columns.cell is None else columns.cell[order]
-    return Measurements(columns.time[order], columns.state[order], cell)
+    return PostedColumns(columns.time[order], columns.state[order], cell)

@@ -11,7 +11,7 @@ from tidemap.client.encoding import ARROW, Numbers
 from tidemap.client.operation import operation, posting
 from tidemap.client.optional import pa
 from tidemap.client.plans import Plan, Request, ask
-from tidemap.client.posting import Post, observation, sighting, whole
+from tidemap.client.posting import Postable, observation, sighting, whole
 from tidemap.client.requests import JSON, given, name_of, path_of, post, send
 from tidemap.client.times import TimeLike, TimesLike, unix, unix_array
 from tidemap.client.waiting import ended, until, wait_s
@@ -55,7 +55,7 @@ class LocationOperations(AnomalyOperations):
         *,
         source: str | None = None,
         idempotency_key: str | None = None,
-    ) -> Post:
+    ) -> Postable:
         """Store measurements: columns (or one) time, state (1 occupied, 0 free) and, for grids, cell.
 
         A cell is its linear index, or a row [i, j, k]. Posts in batches, each durable when it is answered and
@@ -76,7 +76,7 @@ class LocationOperations(AnomalyOperations):
         grid: Any = None,
         source: str | None = None,
         idempotency_key: str | None = None,
-    ) -> Post:
+    ) -> Postable:
         """Store one look at a grid: cells seen occupied and cells seen free, as indices or rows [i, j, k].
 
         Or all of it as an array `grid` of the location's shape: 1 occupied, 0 free, -1 (or 255) not seen.

@@ -5,7 +5,7 @@ from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from typing import TYPE_CHECKING, Any, Concatenate, Generic, ParamSpec, Protocol, TypeAlias, TypeVar, cast, overload
 
 from tidemap.client.plans import Listing, Plan
-from tidemap.client.posting import Post, Receipt
+from tidemap.client.posting import Postable, Receipt
 from tidemap.schemas.observations import Accepted
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ class BlockingCarrier(Protocol):
     def run(self, plan: Plan[T]) -> T:
         """What the plan comes to."""
 
-    def post(self, post: Post) -> Receipt:
+    def post(self, post: Postable) -> Receipt:
         """Send the measurements, or queue them where there is an outbox."""
 
 
@@ -38,7 +38,7 @@ class AwaitedCarrier(Protocol):
     async def run(self, plan: Plan[T]) -> T:
         """What the plan comes to."""
 
-    async def post(self, post: Post) -> Receipt:
+    async def post(self, post: Postable) -> Receipt:
         """Send the measurements, or queue them where there is an outbox."""
 
 
@@ -111,7 +111,7 @@ def operation(plan: Callable[Concatenate[Any, P], Plan[T]]) -> Method[P, T, Coro
     return cast(Method[P, T, Coroutine[Any, Any, T]], method)
 
 
-def posting(describe: Callable[Concatenate[Any, P], Post]) -> PostMethod[P]:
+def posting(describe: Callable[Concatenate[Any, P], Postable]) -> PostMethod[P]:
     """What is to be posted as a method that posts it."""
 
     @functools.wraps(describe)

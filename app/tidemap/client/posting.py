@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tidemap.client.encoding import (
     NPY,
-    Measurements,
+    PostedColumns,
     batches,
     indices,
     look,
@@ -57,7 +57,7 @@ class Batch:
         return Request("POST", f"{self.path}/observations", self.query, self.content, headers)
 
 
-class Post(Protocol):
+class Postable(Protocol):
     """What is posted, to a server or to an outbox."""
 
     def batches(self) -> Iterator[Batch]:
@@ -96,7 +96,7 @@ class TablePost:
     """
 
     path: str
-    columns: Measurements
+    columns: PostedColumns
     rows: NDArray[np.int64] | None
     source: str | None
     key: str

@@ -13,7 +13,7 @@ from tidemap.version import __version__
 Http = TypeVar("Http", httpx.Client, httpx.AsyncClient)
 
 
-class Options(TypedDict, total=False):
+class RequestOptions(TypedDict, total=False):
     """Options that both clients have, whether there is an outbox or not."""
 
     timeout_s: float

@@ -8,7 +8,7 @@ from tidemap.client.plans import Plan, Request, ask
 from tidemap.schemas.jobs import Job
 
 FINISHED = frozenset({"done", "failed", "cancelled"})
-LONGEST_WAIT_S = 20.0
+MAX_WAIT_S = 20.0
 """How long one request may wait for a job; longer waits ask again."""
 
 
@@ -19,7 +19,7 @@ def until(wait: bool | float) -> float:
 
 def wait_s(deadline: float) -> float:
     """Seconds that one request may wait for a job that is waited for until `deadline`."""
-    return round(min(max(deadline - time.monotonic(), 0.0), LONGEST_WAIT_S), 3)
+    return round(min(max(deadline - time.monotonic(), 0.0), MAX_WAIT_S), 3)
 
 
 def ended(job: Job, deadline: float) -> Plan[Job]:

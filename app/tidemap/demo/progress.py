@@ -27,7 +27,7 @@ class Silent:
         return nullcontext(lambda _: None)
 
 
-class Shown:
+class ShownProgress:
     """Bars if `stream` is a terminal, lines such as `Posting: 40 % of 5000` if not."""
 
     def __init__(self, stream: TextIO) -> None:

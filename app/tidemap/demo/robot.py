@@ -101,5 +101,5 @@ def _near(cells: Cells) -> Cells:
 
 
 def _checkered() -> Cells:
-    """Every second cell, none of which has a face in common with another."""
+    """Every second cell; no two have a face in common."""
     return np.asarray(np.indices(plan.SHAPE).sum(axis=0) % 2 == 0)

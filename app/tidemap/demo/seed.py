@@ -11,7 +11,7 @@ from tidemap.client import Client, TidemapError
 from tidemap.demo.civil import DAY_S
 from tidemap.demo.locations import BUILDING, FORMS, begin_events, prepare
 from tidemap.demo.posting import Posted, Posting
-from tidemap.demo.progress import Progress, Shown
+from tidemap.demo.progress import Progress, ShownProgress
 from tidemap.demo.robot import INTERVAL_S, Robot
 from tidemap.demo.story import planted
 from tidemap.demo.world import World
@@ -35,7 +35,7 @@ def seed(client: Client, now: float | None = None, progress: Progress | None = N
     Raises TidemapError, NotTheDemoError.
     """
     now = time.time() if now is None else now
-    progress = progress or Shown(sys.stderr)
+    progress = progress or ShownProgress(sys.stderr)
     known = prepare(client)
     start, judged = phases(now, known[BUILDING].first_time)
     robot, posting = Robot(World(SEED, planted(start, now))), Posting(client, known)

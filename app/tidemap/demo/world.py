@@ -56,7 +56,7 @@ class World:
         return self._draw(_MAIN_DOOR, int(time // DOOR_SLOT_S)) < chance
 
     def _office_door_open(self, time: float, now: Moment) -> bool:
-        """Whoever of the team comes first opens it, who leaves last closes it."""
+        """The first of the team to come opens it, the last to leave closes it."""
         start, stop = hours(OFFICE_TEAM, now.weekday, now.day, self.seed, _OFFICE)
         return start <= now.hour < stop or self.story.door_left_open(time)
 

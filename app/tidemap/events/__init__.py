@@ -1,1 +1,1 @@
-"""What happened, told to whoever listens: a hint, the rows are the truth."""
+"""What happened, published to every listener: a hint, the rows are the truth."""

@@ -4,10 +4,10 @@ import logging
 from collections.abc import Callable
 from threading import Lock
 
-from tidemap.events.messages import Message
+from tidemap.events.messages import EventMessage
 
 log = logging.getLogger(__name__)
-Listener = Callable[[Message], None]
+Listener = Callable[[EventMessage], None]
 
 
 class Bus:
@@ -28,7 +28,7 @@ class Bus:
 
         return unsubscribe
 
-    def publish(self, message: Message) -> None:
+    def publish(self, message: EventMessage) -> None:
         """Tell every listener; one that fails does not keep it from the others."""
         for listener in self._listeners:
             try:

@@ -9,7 +9,7 @@ Kind = Literal["observation", "anomaly", "update", "job"]
 
 
 @dataclass(frozen=True, slots=True)
-class Message:
+class EventMessage:
     """Something happened at a location. `id` numbers observations, anomalies, revisions or jobs; `data` adds to it."""
 
     kind: Kind

@@ -156,7 +156,7 @@ def _put(
     sample: NDArray[np.int64],
     state: NDArray[np.uint8],
 ) -> None:
-    """Write measurements of which no two have the same sample and different times."""
+    """Write measurements; no two of them have the same sample and different times."""
     for i in range(cell.size):
         row, byte = cell[i], sample[i] >> 3
         mask = np.uint8(1) << np.uint8(sample[i] & 7)

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from tidemap.errors import FieldError, InvalidInputError, UnreadableBodyError
 from tidemap.ingest.columns import Columns, Content, Integers, misnamed, of_table
-from tidemap.space.grid import Grid
+from tidemap.space.grid import GridGeometry
 
 
-def read(content: Content, kind: str, grid: Grid) -> Columns:
+def read(content: Content, kind: str, grid: GridGeometry) -> Columns:
     """Columns of an Arrow IPC stream. Raises UnreadableBodyError, InvalidInputError."""
     del grid
     table = _load(content, kind)

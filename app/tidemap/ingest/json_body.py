@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from tidemap.errors import FieldError, InvalidInputError, UnreadableBodyError
 from tidemap.ingest.columns import Columns, Content, integers_of, of_table, time_of, times_of, whole
-from tidemap.space.grid import Grid
+from tidemap.space.grid import GridGeometry
 
 CELL_MESSAGE = "a cell is its linear index or [i,j,k]"
 STATE_MESSAGE = "a state is 0 (free) or 1 (occupied)"
 
 
-def read(content: Content, kind: str, grid: Grid) -> Columns:
+def read(content: Content, kind: str, grid: GridGeometry) -> Columns:
     """Columns of a JSON body. Raises UnreadableBodyError, InvalidInputError."""
     document = _load(content)
     if not isinstance(document, dict):
@@ -92,7 +92,7 @@ def check_lengths(times: NDArray[np.float64], states: NDArray[np.int64]) -> None
         )
 
 
-def _grid(document: dict[str, Any], grid: Grid) -> Columns:
+def _grid(document: dict[str, Any], grid: GridGeometry) -> Columns:
     _check_fields(document, "", {"observations"}, {"observations"})
     times: list[float] = []
     parts: list[NDArray[np.int64]] = []
@@ -136,7 +136,7 @@ def assemble(times: NDArray[np.float64], parts: list[NDArray[np.int64]], origins
     )
 
 
-def cells_of(values: list[object], field: str, grid: Grid) -> NDArray[np.int64]:
+def cells_of(values: list[object], field: str, grid: GridGeometry) -> NDArray[np.int64]:
     """Linear cells; [i,j,k] outside of the grid become -1. Both forms may stand in one list."""
     kinds = set(map(type, values))
     if list not in kinds:
@@ -152,7 +152,7 @@ def cells_of(values: list[object], field: str, grid: Grid) -> NDArray[np.int64]:
     return cells
 
 
-def _indices(values: list[object], field: str, grid: Grid) -> NDArray[np.int64]:
+def _indices(values: list[object], field: str, grid: GridGeometry) -> NDArray[np.int64]:
     """Linear cells of lists [i,j,k]."""
     axes = len(grid.shape)
     try:

@@ -11,7 +11,7 @@ from tidemap.errors import InvalidInputError
 from tidemap.ingest.columns import Columns, Content, integers_of, of_table, time_of, times_of
 from tidemap.ingest.json_body import STATE_MESSAGE, assemble, cells_of, check_lengths
 from tidemap.json_text import fields_of, list_parts, parsed
-from tidemap.space.grid import Grid
+from tidemap.space.grid import GridGeometry
 
 MAX_LOOKS = 100_000
 """Looks in one post; each costs as much as hundreds of cells."""
@@ -33,7 +33,7 @@ class _Looks(msgspec.Struct, forbid_unknown_fields=True):
     observations: list[_Look]
 
 
-def read(content: Content, kind: str, grid: Grid) -> Columns:
+def read(content: Content, kind: str, grid: GridGeometry) -> Columns:
     """Columns of a JSON body. Raises UnreadableBodyError, InvalidInputError."""
     return _state(content) if kind == "state" else _grid(content, grid)
 
@@ -55,7 +55,7 @@ def _column(text: msgspec.Raw, field: str, read_part: Callable[[list[Any], str, 
     return np.concatenate(parts)
 
 
-def _grid(content: Content, grid: Grid) -> Columns:
+def _grid(content: Content, grid: GridGeometry) -> Columns:
     if content.count(_TIME) > MAX_LOOKS:
         raise InvalidInputError.at(
             "observations", f"more than {MAX_LOOKS} looks in one post; send them in several, or as Arrow"

@@ -11,17 +11,17 @@ from numpy.typing import NDArray
 
 from tidemap.errors import FieldError, InvalidInputError, UnreadableBodyError
 from tidemap.ingest.columns import Columns, Content, Integers, misnamed, of_table, wanted
-from tidemap.space.grid import Grid
+from tidemap.space.grid import GridGeometry
 
 UNSEEN = 255
 """In a grid: a cell that was not seen; -1 where the bytes are signed."""
-MOST_HEAD = 4096
+MAX_HEAD_BYTES = 4096
 """Bytes of the longest header that is read; that of three fields has 128."""
 HEADS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 """By the version of the file. numpy writes others only for names of fields that are no Latin-1."""
 
 
-def read(content: Content, kind: str, grid: Grid) -> Columns:
+def read(content: Content, kind: str, grid: GridGeometry) -> Columns:
     """Columns of an npy file. Raises UnreadableBodyError, InvalidInputError."""
     del grid
     rows = _load(content, kind)
@@ -29,7 +29,7 @@ def read(content: Content, kind: str, grid: Grid) -> Columns:
     return of_table(time, None if kind == "state" else _integers(rows["cell"]), _integers(rows["state"]))
 
 
-def read_grid(content: Content, grid: Grid, time: float) -> Columns:
+def read_grid(content: Content, grid: GridGeometry, time: float) -> Columns:
     """Columns of an npy file that has the state of every cell at one time; what was not seen is left out.
 
     Raises UnreadableBodyError, InvalidInputError.
@@ -43,7 +43,7 @@ def read_grid(content: Content, grid: Grid, time: float) -> Columns:
     return Columns(np.full(len(cell), time), cell, states[cell], lambda _: "time", cell_field, cell_field, "body")
 
 
-def _load_grid(content: Content, grid: Grid) -> NDArray[np.uint8]:
+def _load_grid(content: Content, grid: GridGeometry) -> NDArray[np.uint8]:
     """The state of each cell (n_cells,), of bytes that need not be signed alike."""
     head = _head(content)
     if head.dtype.names is not None:
@@ -79,9 +79,9 @@ class Head:
 
 def _head(content: Content) -> Head:
     """What the file begins with. Raises UnreadableBodyError."""
-    stream = io.BytesIO(content[:MOST_HEAD])
+    stream = io.BytesIO(content[:MAX_HEAD_BYTES])
     try:
-        shape, fortran, dtype = HEADS[npy.read_magic(stream)](stream, max_header_size=MOST_HEAD)
+        shape, fortran, dtype = HEADS[npy.read_magic(stream)](stream, max_header_size=MAX_HEAD_BYTES)
     except Exception as error:  # a header is a text in Python's syntax: its reader stumbles in many ways
         raise UnreadableBodyError(f"The body is no npy file; write it with numpy.save: {error}") from None
     return Head(shape, fortran, dtype, stream.tell())

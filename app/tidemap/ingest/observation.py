@@ -14,7 +14,7 @@ from tidemap.history.snapshot import sort_snapshot
 from tidemap.ingest import arrow_body, json_body, large_json, npy_body
 from tidemap.ingest.columns import Columns, Content
 from tidemap.schemas.common import FARTHEST_S
-from tidemap.space.grid import Grid
+from tidemap.space.grid import GridGeometry
 
 ARROW = "application/vnd.apache.arrow.stream"
 JSON = "application/json"
@@ -59,7 +59,7 @@ class Target:
     """What the measurements are for: the location's kind and grid, and the latest time they may have."""
 
     kind: str
-    grid: Grid
+    grid: GridGeometry
     latest: float
 
 
@@ -67,13 +67,13 @@ LARGE_JSON_BYTES = 1 << 18
 """JSON from here on is read in pieces."""
 
 
-def _read_json(content: Content, kind: str, grid: Grid) -> Columns:
+def _read_json(content: Content, kind: str, grid: GridGeometry) -> Columns:
     if len(content) < LARGE_JSON_BYTES:
         return json_body.read(content, kind, grid)
     return large_json.read(content, kind, grid)
 
 
-READERS: dict[str, Callable[[Content, str, Grid], Columns]] = {
+READERS: dict[str, Callable[[Content, str, GridGeometry], Columns]] = {
     JSON: _read_json,
     ARROW: arrow_body.read,
     NPY: npy_body.read,

@@ -16,7 +16,7 @@ from pydantic import (
 )
 
 NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,127}$"
-MOST_FIELDS = 100
+MAX_FIELDS = 100
 FARTHEST_S = 6e10
 """Times lie within this many seconds of 1970, years 68 to 3871: every one of them can be written as ISO 8601."""
 
@@ -101,7 +101,7 @@ def storable(text: str) -> str:
 Text = Annotated[str, AfterValidator(storable)]
 Item = TypeVar("Item")
 Many = Annotated[list[Item], Field(fail_fast=True)]
-"""A list that a client sends, of which the first wrong item is told: a million may be wrong."""
+"""A list that a client sends. Only the first wrong item is named: a million may be wrong."""
 
 
 class Form(BaseModel):
@@ -113,7 +113,7 @@ class Form(BaseModel):
     @classmethod
     def _few_fields(cls, value: Any) -> Any:
         """Each unknown field is an error, which takes a hundred times the memory of the field."""
-        if isinstance(value, dict) and len(value) > MOST_FIELDS:
+        if isinstance(value, dict) and len(value) > MAX_FIELDS:
             raise ValueError(f"it has {len(value)} fields; known are {', '.join(cls.model_fields)}")
         return value
 

@@ -14,7 +14,7 @@ UNAVAILABLE = (
 )
 
 
-class State(Answer):
+class StateAnswer(Answer):
     """The state at a time, for the cells that have been observed."""
 
     time: TimeOut
@@ -44,7 +44,7 @@ class PredictForm(Form):
     estimator: EstimatorName | None = None
 
 
-class Prediction(Answer):
+class PredictionAnswer(Answer):
     """Per cell, per time. Null where a cell has never been observed."""
 
     time: list[float]
@@ -57,7 +57,7 @@ class Prediction(Answer):
     unavailable: list[tuple[int, int]] = Field(description=UNAVAILABLE)
 
 
-class Series(Answer):
+class SeriesAnswer(Answer):
     """One cell over time; `observed` is null where a sample was not observed."""
 
     cell: int

@@ -113,7 +113,7 @@ class BoundedHttpProtocol(HttpToolsProtocol):
         super().on_message_complete()
 
     def on_response_complete(self) -> None:
-        """Answered; a body of which more is to come has a moment left."""
+        """Answered; a body that is not complete has a moment left."""
         super().on_response_complete()
         if self._reading_body and not self.transport.is_closing():
             self._deadline = self.loop.call_later(MAX_LINGER_S, self.transport.close)

@@ -31,7 +31,7 @@ SWITCH_S = 0.0005
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class ServeOptions:
     """What runs beside the site."""
 
     demo: bool = False
@@ -57,7 +57,7 @@ class _Server(uvicorn.Server):
         await super().shutdown(sockets)
 
 
-def serve(ctx: Context, options: Options, *extensions: Extension) -> int:
+def serve(ctx: Context, options: ServeOptions, *extensions: Extension) -> int:
     """Serve all in one, with extensions such as pages, until told to stop; 0 when that went well."""
     settings = ctx.settings
     sys.setswitchinterval(SWITCH_S)

@@ -6,7 +6,7 @@ from tidemap.errors import refuse_reversed
 from tidemap.schemas.anomalies import Event
 from tidemap.services.context import Context
 from tidemap.storage.records import AnomalyRecord, LocationRecord
-from tidemap.storage.repositories.anomalies import EventFilter
+from tidemap.storage.repositories.anomalies import AnomalyFilter
 from tidemap.storage.work import Work
 
 
@@ -28,7 +28,7 @@ def list_events(ctx: Context, query: EventQuery) -> list[Event]:
     refuse_reversed(query.start, query.stop)
     with ctx.store.read() as work:
         location = work.locations.get(query.location) if query.location is not None else None
-        wanted = EventFilter(
+        wanted = AnomalyFilter(
             location.id if location else None,
             query.after,
             query.limit,

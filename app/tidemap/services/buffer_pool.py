@@ -18,7 +18,7 @@ Bytes = NDArray[np.uint8]
 
 
 class Lendable(Protocol):
-    """A value of which `memory` is given to others; it takes `n_bytes` in all."""
+    """A value whose `memory` is lent to others; it takes `n_bytes` in all."""
 
     @property
     def memory(self) -> Bytes: ...
@@ -94,7 +94,7 @@ class _Item(Generic[Value]):
         return self._lent is None or self._lent() is None
 
     def lend(self) -> BufferLease[Value]:
-        """The value with its memory as an array of which nobody has anything yet."""
+        """The value with its memory as an array that is lent to nobody yet."""
         # An array over a memoryview, not a slice of an array: whatever is made of it holds on to it.
         memory = np.frombuffer(self.value.memory.data.toreadonly(), np.uint8)
         self._lent = ref(memory)

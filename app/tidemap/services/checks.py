@@ -24,7 +24,7 @@ UNREADABLE = (ValueError, TypeError, KeyError, IndexError, OverflowError)
 
 
 @dataclass
-class Tally:
+class LogTotals:
     """How much was looked at."""
 
     locations: int = 0
@@ -54,7 +54,7 @@ def location_of(row: Row) -> LocationRecord:
     return location
 
 
-def check_location(snapshot: Snapshot, location: LocationRecord, tally: Tally) -> Iterator[Wrong]:
+def check_location(snapshot: Snapshot, location: LocationRecord, tally: LogTotals) -> Iterator[Wrong]:
     """Everything that belongs to a location."""
     if not 0 <= location.compacted_seq <= location.observation_seq:
         yield "counters", f"{location.compacted_seq} of {location.observation_seq} observations are compacted"
@@ -63,7 +63,7 @@ def check_location(snapshot: Snapshot, location: LocationRecord, tally: Tally) -
     yield from _jobs(snapshot, location)
 
 
-def _log(snapshot: Snapshot, location: LocationRecord, tally: Tally) -> Iterator[Wrong]:
+def _log(snapshot: Snapshot, location: LocationRecord, tally: LogTotals) -> Iterator[Wrong]:
     before: int | None = None
     first, total = location.observation_seq + 1, 0
     for row in snapshot.log(location.id):
@@ -85,7 +85,7 @@ def _log(snapshot: Snapshot, location: LocationRecord, tally: Tally) -> Iterator
         yield "log", f"it holds {total} measurements, but {location.measurements} were counted"
 
 
-def _observation(location: LocationRecord, row: Row, where: str, tally: Tally) -> Iterator[Wrong]:
+def _observation(location: LocationRecord, row: Row, where: str, tally: LogTotals) -> Iterator[Wrong]:
     if row.idempotency_key is not None and row.body_hash is None:
         yield where, "it has an idempotency key without the hash of its body"
     if row.last_time < row.first_time or (location.last_time is None or row.last_time > location.last_time):
@@ -113,12 +113,12 @@ def _match_measurements(location: LocationRecord, row: Row) -> None:
         raise ValueError("its times are not those of its row")
 
 
-def _idempotency(snapshot: Snapshot, location: LocationRecord, _: Tally) -> Iterator[Wrong]:
+def _idempotency(snapshot: Snapshot, location: LocationRecord, _: LogTotals) -> Iterator[Wrong]:
     for row in snapshot.repeated_keys(location.id):
         yield f"idempotency key {row.idempotency_key!r}", f"{row.number} observations have it"
 
 
-def _history(snapshot: Snapshot, location: LocationRecord, tally: Tally) -> Iterator[Wrong]:
+def _history(snapshot: Snapshot, location: LocationRecord, tally: LogTotals) -> Iterator[Wrong]:
     standing: list[int] = []
     for row in snapshot.segments(location.id):
         chunk, aside = (row.chunk, "") if row.chunk >= 0 else (-1 - row.chunk, " put aside")
@@ -157,7 +157,7 @@ def _match_times(location: LocationRecord, segment: Segment) -> None:
         raise ValueError("it is later than the last measurement that the location counted")
 
 
-def _revisions(snapshot: Snapshot, location: LocationRecord, _: Tally) -> Iterator[Wrong]:
+def _revisions(snapshot: Snapshot, location: LocationRecord, _: LogTotals) -> Iterator[Wrong]:
     stored = set()
     for row in snapshot.revisions(location.id):
         where = f"revision {row.revision}"
@@ -178,7 +178,7 @@ def _match_revision(location: LocationRecord, row: Row) -> None:
         raise ValueError("its window is empty")
 
 
-def _spectra(snapshot: Snapshot, location: LocationRecord, tally: Tally) -> Iterator[Wrong]:
+def _spectra(snapshot: Snapshot, location: LocationRecord, tally: LogTotals) -> Iterator[Wrong]:
     """Revisions other than the current one are those of updates that run, or were broken off, and may have gaps."""
     missing = set(range(location.n_chunks)) if location.revision else set()
     for row in snapshot.spectra(location.id):
@@ -205,7 +205,7 @@ def _match_spectrum(location: LocationRecord, row: Row) -> None:
         raise ValueError("it names a wave that its table lacks")
 
 
-def _anomalies(snapshot: Snapshot, location: LocationRecord, tally: Tally) -> Iterator[Wrong]:
+def _anomalies(snapshot: Snapshot, location: LocationRecord, tally: LogTotals) -> Iterator[Wrong]:
     for row in snapshot.anomalies(location.id):
         tally.blobs += 1
         yield from _unreadable(f"anomaly {row.id}", partial(_match_anomaly, location, row))

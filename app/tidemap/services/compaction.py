@@ -136,6 +136,6 @@ def _before(ctx: Context, work: Work, location: LocationRecord, key: SegmentKey)
     try:
         return key, dict(work.segments.of_chunk(location, chunk, number, number)).get(number)
     except CorruptChunkError as error:
-        # Its bytes stay as they are, for whoever can mend them; what is new is kept beside them.
+        # Its bytes stay as they are, so that they can be repaired; new data is kept beside them.
         ctx.damage.found(location.id, error)
         return (-1 - chunk, number), work.segments.put_aside(location, chunk, number)

@@ -14,7 +14,7 @@ from tidemap.services.context import Context
 from tidemap.services.history import read_history, window
 from tidemap.services.spectra import current_revision, recipe_for
 from tidemap.spectral.estimators import fit_recipe
-from tidemap.spectral.evaluation import Scores, Tally
+from tidemap.spectral.evaluation import Scores, ScoreSums
 from tidemap.spectral.prediction import predict_times
 from tidemap.spectral.recipe import Recipe
 from tidemap.spectral.spectrum import Spectrum, truncate
@@ -52,7 +52,7 @@ def evaluate(ctx: Context, name: str, form: EvaluateForm, check: Callable[[], No
     location, revision = current_revision(ctx, name)
     train = _training(ctx, location, revision, form)
     candidates = _candidates(form)
-    tallies = {candidate: Tally(form.confidence) for candidate in candidates}
+    tallies = {candidate: ScoreSums(form.confidence) for candidate in candidates}
     observed = 0
     for trial in _trials(ctx, location, train, form, candidates, check):
         observed += int((trial.states != UNOBSERVED).sum())
@@ -63,7 +63,7 @@ def evaluate(ctx: Context, name: str, form: EvaluateForm, check: Callable[[], No
     return _answer(tallies, revision.revision)
 
 
-def _score(tally: Tally, spectrum: Spectrum, trial: _Trial, check: Callable[[], None]) -> None:
+def _score(tally: ScoreSums, spectrum: Spectrum, trial: _Trial, check: Callable[[], None]) -> None:
     """Score one fit of a trial, block by block of times."""
     step = max(1, BLOCK_VALUES // len(trial.states))
     for first in range(0, len(trial.time), step):
@@ -174,7 +174,7 @@ def _tested(ctx: Context, location: LocationRecord, form: EvaluateForm) -> tuple
     return start, stop
 
 
-def _answer(tallies: dict[Candidate, Tally], revision: int) -> Evaluation:
+def _answer(tallies: dict[Candidate, ScoreSums], revision: int) -> Evaluation:
     rows = [_row(candidate, tally.scores()) for candidate, tally in tallies.items() if tally.n]
     if not rows:
         raise InvalidInputError.at("start", "no cell observed then was observed in the training window")

@@ -18,7 +18,7 @@ from tidemap.storage.records import CHUNK_CELLS, LocationRecord
 from tidemap.storage.repositories.observations import Tail
 from tidemap.storage.work import Work
 
-LEAST_BYTES = 5
+MIN_BYTES = 5
 """Memory of an unpacked measurement at least: a cell and a state, where all of a post are of one time."""
 NOTHING = Measurements.concatenate([])
 CHUNK_BITS = 1 << 27
@@ -165,7 +165,7 @@ def _lay(whole: History, segment: Segment) -> None:
 def _tail(ctx: Context, work: Work, location: LocationRecord, chunk: int) -> Measurements:
     """What is not compacted yet of one chunk, its cells counted from its first."""
     if location.observation_seq == location.compacted_seq:
-        # Nothing, or whoever asks wants what is compacted alone, and others hold what is not.
+        # Nothing, or the caller wants the compacted part alone, and others hold the tail.
         _let_go(ctx, location)
         return NOTHING
     tail = ctx.tails.held(location.id, _version(location))
@@ -190,7 +190,7 @@ def _version(location: LocationRecord) -> tuple[int, int]:
 def _read_on(ctx: Context, work: Work, location: LocationRecord) -> Tail | None:
     """The whole tail, every part sorted by chunk, kept for other chunks and later questions: of an earlier one what is
     held, and what has come in since. None where it is too long to be held: unpacked it would only take memory."""
-    if not ctx.tails.takes(work.observations.pending(location) * LEAST_BYTES):
+    if not ctx.tails.takes(work.observations.pending(location) * MIN_BYTES):
         return None
     # One at a time: the others need not read what the first has read, nor hold as much at once.
     with ctx.reading_on:
@@ -211,7 +211,7 @@ def _known(ctx: Context, location: LocationRecord) -> tuple[list[tuple[int, Meas
 
 
 def _read_chunk(work: Work, location: LocationRecord, chunk: int) -> Tail:
-    """What a tail holds of one chunk, of which nothing is kept."""
+    """What a tail holds of one chunk; nothing is kept."""
     first, stop = chunk * CHUNK_CELLS, (chunk + 1) * CHUNK_CELLS
     return work.observations.tail(location, choose=lambda part: part.select((part.cell >= first) & (part.cell < stop)))
 

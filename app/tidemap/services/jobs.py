@@ -8,12 +8,12 @@ from typing import Any
 
 from tidemap.errors import (
     BusyError,
+    DomainError,
     JobFinishedError,
     JobNotFoundError,
-    TidemapError,
     refuse_reversed,
 )
-from tidemap.events.messages import Message
+from tidemap.events.messages import EventMessage
 from tidemap.schemas.jobs import Job
 from tidemap.services.context import Context
 from tidemap.services.update import UpdateRequest, run_update
@@ -89,14 +89,14 @@ def run_job(ctx: Context, record: JobRecord, executor: Executor) -> bool:
         revision = run_update(ctx, record.location_id, request, executor, _reporter(ctx, record), done)
     except BusyError:
         raise
-    except TidemapError as error:
+    except DomainError as error:
         _fail(ctx, record, str(error))
     except Exception as error:
         log.exception("job %d failed", record.id)
         _fail(ctx, record, f"{type(error).__name__}: {error}")
     else:
         _tell_end(ctx, record)
-        ctx.bus.publish(Message("update", record.location, revision.revision, ctx.clock(), _result(revision)))
+        ctx.bus.publish(EventMessage("update", record.location, revision.revision, ctx.clock(), _result(revision)))
         return True
     return False
 
@@ -134,7 +134,7 @@ def _tell_end(ctx: Context, record: JobRecord) -> None:
 
 def _tell(ctx: Context, record: JobRecord) -> None:
     told = {"job": record.kind, "state": record.state, "progress": record.progress}
-    ctx.bus.publish(Message("job", record.location, record.id, ctx.clock(), told))
+    ctx.bus.publish(EventMessage("job", record.location, record.id, ctx.clock(), told))
 
 
 def wire(record: JobRecord) -> Job:

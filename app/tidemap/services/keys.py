@@ -56,7 +56,7 @@ def delete_key(ctx: Context, key_id: int) -> None:
 
 
 def is_open(ctx: Context) -> bool:
-    """Whether whoever reaches the server may do everything: no key exists, and none is needed to listen here."""
+    """Whether everybody who reaches the server may do everything: no key exists, and none is needed to listen here."""
     if not ctx.settings.keyless:
         return False
     with ctx.store.read() as work:

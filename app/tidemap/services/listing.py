@@ -4,22 +4,22 @@ from heapq import nlargest
 
 from tidemap.schemas.anomalies import Event
 
-MOST_EVENTS = 100
+MAX_EVENTS = 100
 """Events in the answer to a post; all of them are stored."""
-MOST_CELLS = 10_000
+MAX_CELLS = 10_000
 """Cells of an event in a list; asked for alone, an event has all of them."""
 
 
 def shortened(event: Event) -> Event:
     """The event with so many of its cells as are listed."""
-    if len(event.cells) <= MOST_CELLS:
+    if len(event.cells) <= MAX_CELLS:
         return event
-    return event.model_copy(update={"cells": event.cells[:MOST_CELLS]})
+    return event.model_copy(update={"cells": event.cells[:MAX_CELLS]})
 
 
 def most_surprising(events: list[Event]) -> list[Event]:
     """So many as are listed: the most surprising, of those the largest, in the order that they had."""
-    if len(events) > MOST_EVENTS:
-        chosen = nlargest(MOST_EVENTS, range(len(events)), key=lambda i: (events[i].surprise, events[i].cells_total))
+    if len(events) > MAX_EVENTS:
+        chosen = nlargest(MAX_EVENTS, range(len(events)), key=lambda i: (events[i].surprise, events[i].cells_total))
         events = [events[i] for i in sorted(chosen)]
     return [shortened(event) for event in events]

@@ -5,8 +5,8 @@ from concurrent.futures import Future
 from contextlib import suppress
 from functools import partial
 
-from tidemap.errors import CorruptChunkError, IdempotencyConflictError, TidemapError
-from tidemap.events.messages import Message
+from tidemap.errors import CorruptChunkError, DomainError, IdempotencyConflictError
+from tidemap.events.messages import EventMessage
 from tidemap.history.measurements import Measurements
 from tidemap.ingest.observation import Target, parse
 from tidemap.schemas.anomalies import Event
@@ -55,7 +55,7 @@ def begin(ctx: Context, name: str, post: Post) -> Future[Observed]:
 
 
 def begin_quick(ctx: Context, name: str, post: Post) -> Future[Observed]:
-    """Queue a post as it came: it is parsed and judged by whoever stores it, with those that came meanwhile.
+    """Queue a post as it came: the writer parses and judges it with those that came meanwhile.
 
     The future has what `observe` returns or raises, or NotQuickError: then nothing was stored, and `begin` is for it.
     For posts that are quick as far as can be seen (`is_quick`).
@@ -89,7 +89,7 @@ def parsed(ctx: Context, name: str, post: Post) -> tuple[LocationRecord, Measure
     try:
         location = ctx.locations.get(name, partial(find_location, ctx))
         return location, parse(post.body, Target(location.kind, location.cells, ctx.clock() + ctx.settings.future_s))
-    except TidemapError:
+    except DomainError:
         _refuse(ctx, name, post)
         raise
 
@@ -156,11 +156,11 @@ def _tell(ctx: Context, stored: Observed) -> None:
         return
     now = ctx.clock()
     told = {"measurements": stored.accepted, "source": stored.source, "last_time": stored.last_time}
-    ctx.bus.publish(Message("observation", stored.location, stored.number, now, told))
+    ctx.bus.publish(EventMessage("observation", stored.location, stored.number, now, told))
     for event in stored.anomalies:
         ctx.bus.publish(anomaly_message(event, now))
 
 
-def anomaly_message(event: Event, now: float) -> Message:
+def anomaly_message(event: Event, now: float) -> EventMessage:
     """The message of a stored event."""
-    return Message("anomaly", event.location, event.id or 0, now, shortened(event).model_dump(mode="json"))
+    return EventMessage("anomaly", event.location, event.id or 0, now, shortened(event).model_dump(mode="json"))

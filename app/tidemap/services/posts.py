@@ -4,7 +4,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from tidemap.errors import IdempotencyConflictError, LocationNotFoundError, TidemapError, UnauthorizedError
+from tidemap.errors import DomainError, IdempotencyConflictError, LocationNotFoundError, UnauthorizedError
 from tidemap.ingest.observation import Body
 from tidemap.schemas.anomalies import Event
 from tidemap.services.anomalies import wire
@@ -48,7 +48,7 @@ class Entry:
     events: list[AnomalyRecord]
 
 
-Outcome = Observed | TidemapError
+Outcome = Observed | DomainError
 
 
 def store_all(work: Work, entries: Sequence[Entry]) -> list[Outcome]:

@@ -7,7 +7,7 @@ from functools import partial
 from sqlalchemy.exc import DBAPIError
 
 from tidemap.errors import DatabaseUnusableError
-from tidemap.services.checks import Tally, check_location, location_of
+from tidemap.services.checks import LogTotals, check_location, location_of
 from tidemap.storage.inspection import Inspection, Snapshot, inspect
 
 
@@ -26,21 +26,21 @@ class Finding:
 
 def verify(
     url: str, tell: Callable[[Finding], None], progress: Callable[[int, int], None] = lambda done, total: None
-) -> Tally:
+) -> LogTotals:
     """Look at every row of a database, which a server may be using; `tell` hears of what is wrong.
 
     `progress` hears how many locations are done and how many there are.
     Each location is seen as it was at one moment, and its rows are held a few at a time.
     Raises SchemaVersionError, DatabaseUnusableError.
     """
-    tally = Tally()
+    tally = LogTotals()
     with inspect(url) as inspection:
         for finding in _findings(inspection, tally, progress):
             tell(finding)
     return tally
 
 
-def _findings(inspection: Inspection, tally: Tally, progress: Callable[[int, int], None]) -> Iterator[Finding]:
+def _findings(inspection: Inspection, tally: LogTotals, progress: Callable[[int, int], None]) -> Iterator[Finding]:
     yield from _guarded(inspection, "database", _whole)
     with inspection.snapshot() as snapshot:
         numbers = snapshot.location_ids()
@@ -74,7 +74,7 @@ def _whole(snapshot: Snapshot) -> Iterator[Finding]:
             yield Finding(None, f"API key {key.id}", "its hash or its role cannot be")
 
 
-def _location(snapshot: Snapshot, number: int, tally: Tally) -> Iterator[Finding]:
+def _location(snapshot: Snapshot, number: int, tally: LogTotals) -> Iterator[Finding]:
     row = snapshot.location(number)
     if row is None:
         return

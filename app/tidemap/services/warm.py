@@ -11,7 +11,7 @@ from tidemap.history.measurements import Measurements
 from tidemap.history.segment import Segment, forget, merge
 from tidemap.history.snapshot import sort_snapshot
 from tidemap.history.timebase import TimeBase
-from tidemap.space.grid import Grid
+from tidemap.space.grid import GridGeometry
 from tidemap.space.regions import label_regions
 from tidemap.spectral.anomaly import surprising
 from tidemap.spectral.auto.selection import choose
@@ -35,7 +35,7 @@ def _post() -> None:
     if look is not None:
         unpack_measurements(pack_measurements(look), "a look")
     zero = np.zeros(1, np.int64)
-    label_regions(Grid("", (0.0, 0.0, 0.0), 1.0, (1,)), zero, zero, np.zeros(1, np.uint8))
+    label_regions(GridGeometry("", (0.0, 0.0, 0.0), 1.0, (1,)), zero, zero, np.zeros(1, np.uint8))
 
 
 def _compact() -> None:

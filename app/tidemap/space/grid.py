@@ -25,7 +25,7 @@ def index_of(cell: ArrayLike, shape: Sequence[int]) -> NDArray[np.int64]:
 
 
 @dataclass(frozen=True)
-class Grid:
+class GridGeometry:
     """Cell [0,0,0] has its lower corner at `origin` (metres, in `frame`); cells are cubes of `resolution_m`.
 
     >>> grid = Grid("map", (0.0, 0.0, 0.0), 0.5, (4, 3, 2))
@@ -73,7 +73,7 @@ class Grid:
         return np.asarray(((centre >= box[:3]) & (centre <= box[3:])).all(axis=1))
 
 
-SINGLE = Grid("", (0.0, 0.0, 0.0), 1.0, (1,))
+SINGLE = GridGeometry("", (0.0, 0.0, 0.0), 1.0, (1,))
 """The grid of a location of kind `state`: one cell."""
 
 NEIGHBOURS = tuple(step for step in product((-1, 0, 1), repeat=3) if step > (0, 0, 0))

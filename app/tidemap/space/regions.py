@@ -4,13 +4,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tidemap.space.grid import NEIGHBOURS, Grid
+from tidemap.space.grid import NEIGHBOURS, GridGeometry
 
 STEPS = np.array(NEIGHBOURS, np.int64)
 
 
 def label_regions(
-    grid: Grid, sample: NDArray[np.int64], cell: NDArray[np.int64], state: NDArray[np.uint8]
+    grid: GridGeometry, sample: NDArray[np.int64], cell: NDArray[np.int64], state: NDArray[np.uint8]
 ) -> NDArray[np.int64]:
     """Label (n,) of each marked (sample, cell); the marks are distinct.
 

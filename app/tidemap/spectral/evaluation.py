@@ -33,7 +33,7 @@ class Reliability:
     count: NDArray[np.int64]
 
 
-class Tally:
+class ScoreSums:
     """Scores and reliability that are added up part by part, so that nothing has to be kept.
 
     confidence: what the error counts as occupied, p > confidence; None: p > 0.5.
@@ -82,7 +82,7 @@ def score(probability: ArrayLike, state: ArrayLike) -> Scores:
     >>> score([0.0, 1.0, 0.5], [0, 1, 2]).error
     0.0
     """
-    tally = Tally()
+    tally = ScoreSums()
     tally.add(probability, state)
     return tally.scores()
 
@@ -98,7 +98,7 @@ def scored(probability: ArrayLike, state: ArrayLike) -> tuple[NDArray[np.float64
 
 def reliability(probability: ArrayLike, state: ArrayLike, bins: int = BINS) -> Reliability:
     """The reliability table over `bins` equal bins of [0, 1]; p = 1 belongs to the last."""
-    tally = Tally(bins=bins)
+    tally = ScoreSums(bins=bins)
     tally.add(probability, state)
     return tally.reliability()
 

@@ -1,6 +1,6 @@
 """Weekly: the thresholded prediction of spectra that repeat every civil week.
 
-Samples of such a spectrum are looked up in one week of the clock on the wall, of which only the blocks of
+Samples of such a spectrum are looked up in one week of the clock on the wall; only the blocks of
 64 that occur are computed; a year costs little more than a week. The value of a sample depends on its block
 of that week alone, so it is the same bit for bit whichever span it was asked with.
 """

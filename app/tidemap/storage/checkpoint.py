@@ -7,7 +7,7 @@ from sqlalchemy import Engine
 
 from tidemap.storage.gate import Gate
 
-MOST_BYTES = 32 * 2**20
+MAX_BYTES = 32 * 2**20
 """What the log file may grow to before its readers are waited for. The last transaction comes on top: 64 MB hold one of
 half that size."""
 PATIENCE_S = 2.0
@@ -29,7 +29,7 @@ class Checkpoints:
 
     def care(self) -> None:
         """After a commit: empty a log file that is too long, letting no reader in until those inside have left."""
-        if self._log is None or time.monotonic() < self._next or _size(self._log) <= MOST_BYTES:
+        if self._log is None or time.monotonic() < self._next or _size(self._log) <= MAX_BYTES:
             return
         with self._gate.shut(PATIENCE_S) as empty:
             emptied = empty and self._truncate()

@@ -19,7 +19,7 @@ _PRAGMAS = (
     f"PRAGMA wal_autocheckpoint = {4 * 2**20 // PAGE_BYTES}",
 )
 OVERFLOW = 32
-"""Connections beyond those kept, so that no request, of which 40 run at once, waits for one."""
+"""Connections beyond those kept, so that none of the 40 requests that run at once waits for one."""
 GIVEN_UP_S = 15
 """How long PostgreSQL keeps what a process holds that is frozen, or has vanished with its machine."""
 WATCH_S = 5

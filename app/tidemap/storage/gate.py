@@ -1,4 +1,4 @@
-"""The gate: readers pass while it is open, and whoever shuts it waits until none is inside."""
+"""The gate: readers pass while it is open, and shutting it waits until none is inside."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""Inspection: every stored row as it is, read in small portions, for whoever checks a database."""
+"""Inspection: every stored row as it is, read in small portions, for checks of a database."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""The lock that one process on a database holds at a time; whoever holds it has the current term."""
+"""The lock that one process on a database holds at a time; its holder has the current term."""
 
 import fcntl
 import os
@@ -61,7 +61,7 @@ class FileLock:
             return None
         self._descriptor = descriptor
         try:
-            # Whoever held it before may have removed the file since it was opened here.
+            # Its last holder may have removed the file since it was opened here.
             if self.held():
                 return self._begin()
         except DBAPIError as error:
@@ -131,6 +131,6 @@ class AdvisoryLock:
 
 
 def _refuse_others(error: DBAPIError) -> None:
-    """Raise what is more than a database that is away or busy; who posts hears of that."""
+    """Raise errors other than a database that is away or busy; those are reported to the clients that post."""
     if not is_outage(error):
         raise error

@@ -12,7 +12,7 @@ from sqlalchemy import RowMapping
 
 from tidemap.errors import CorruptChunkError
 from tidemap.history.timebase import TimeBase
-from tidemap.space.grid import SINGLE, Grid
+from tidemap.space.grid import SINGLE, GridGeometry
 from tidemap.spectral.recipe import Recipe
 from tidemap.storage.blobs import unpack_json
 
@@ -29,7 +29,7 @@ class LocationRecord:
     interval_s: float
     time_zone: str
     epoch: float
-    grid: Grid | None
+    grid: GridGeometry | None
     estimator: str
     order: int | None
     confidence: float
@@ -56,7 +56,7 @@ class LocationRecord:
         return TimeBase(self.epoch, self.interval_s)
 
     @cached_property
-    def cells(self) -> Grid:
+    def cells(self) -> GridGeometry:
         """Its grid; that of a `state` has one cell."""
         return self.grid or SINGLE
 
@@ -90,12 +90,12 @@ class LocationRecord:
 
 
 @lru_cache
-def grid_of(text: str | None) -> Grid | None:
+def grid_of(text: str | None) -> GridGeometry | None:
     """A grid from its stored JSON."""
     if text is None:
         return None
     value = json.loads(text)
-    return Grid(value["frame"], tuple(value["origin"]), value["resolution_m"], tuple(value["shape"]))
+    return GridGeometry(value["frame"], tuple(value["origin"]), value["resolution_m"], tuple(value["shape"]))
 
 
 @dataclass(frozen=True)

@@ -145,7 +145,7 @@ class Store:
         return run(work)
 
     def slow_down(self, rest_s: float) -> None:
-        """Let the writer rest so long after every group commit, from now on: whoever posts waits for it."""
+        """Let the writer rest so long after every group commit, from now on: posts wait for it."""
         self._writer.rest_s = rest_s
 
     def trouble(self) -> str | None:
@@ -157,7 +157,7 @@ class Store:
         return self._writer.waiting()
 
     def close(self) -> None:
-        """Finish the writes that were taken and let go of the database; whoever goes on reading is told so."""
+        """Finish the accepted writes and let go of the database; later reads raise an error."""
         self._writer.close()
         self._gate.close()
         self._reader.dispose()

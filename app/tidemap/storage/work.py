@@ -5,38 +5,38 @@ from dataclasses import dataclass
 from sqlalchemy import Connection
 
 from tidemap.storage.fencing import FencingTokens
-from tidemap.storage.repositories.anomalies import Anomalies
-from tidemap.storage.repositories.jobs import Jobs
-from tidemap.storage.repositories.keys import Keys
-from tidemap.storage.repositories.locations import Locations
-from tidemap.storage.repositories.observations import Observations
-from tidemap.storage.repositories.segments import Segments
-from tidemap.storage.repositories.spectra import Spectra
+from tidemap.storage.repositories.anomalies import AnomalyRepository
+from tidemap.storage.repositories.jobs import JobRepository
+from tidemap.storage.repositories.keys import KeyRepository
+from tidemap.storage.repositories.locations import LocationRepository
+from tidemap.storage.repositories.observations import ObservationRepository
+from tidemap.storage.repositories.segments import SegmentRepository
+from tidemap.storage.repositories.spectra import SpectrumRepository
 
 
 @dataclass(frozen=True, slots=True)
 class Work:
     """What one transaction can do."""
 
-    locations: Locations
-    observations: Observations
-    segments: Segments
-    spectra: Spectra
-    anomalies: Anomalies
-    jobs: Jobs
-    keys: Keys
+    locations: LocationRepository
+    observations: ObservationRepository
+    segments: SegmentRepository
+    spectra: SpectrumRepository
+    anomalies: AnomalyRepository
+    jobs: JobRepository
+    keys: KeyRepository
     terms: FencingTokens
 
     @classmethod
     def on(cls, connection: Connection) -> "Work":
         """All repositories on this connection."""
         return cls(
-            Locations(connection),
-            Observations(connection),
-            Segments(connection),
-            Spectra(connection),
-            Anomalies(connection),
-            Jobs(connection),
-            Keys(connection),
+            LocationRepository(connection),
+            ObservationRepository(connection),
+            SegmentRepository(connection),
+            SpectrumRepository(connection),
+            AnomalyRepository(connection),
+            JobRepository(connection),
+            KeyRepository(connection),
             FencingTokens(connection),
         )

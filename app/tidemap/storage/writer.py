@@ -14,7 +14,7 @@ from typing import Any, Generic, TypeAlias, TypeVar
 from sqlalchemy import Connection, Engine
 from sqlalchemy.exc import DBAPIError
 
-from tidemap.errors import QueueFullError, ShuttingDownError, StorageUnavailableError, TidemapError
+from tidemap.errors import DomainError, QueueFullError, ShuttingDownError, StorageUnavailableError
 from tidemap.storage.checkpoint import Checkpoints
 from tidemap.storage.counters import take
 from tidemap.storage.gate import Gate
@@ -24,7 +24,7 @@ from tidemap.storage.work import Work
 log = logging.getLogger(__name__)
 Item = TypeVar("Item")
 Result = TypeVar("Result")
-RunAll: TypeAlias = Callable[[Work, Sequence[Item]], Sequence[Result | TidemapError]]
+RunAll: TypeAlias = Callable[[Work, Sequence[Item]], Sequence[Result | DomainError]]
 """Writes many items at once; of each its result, or why nothing of it was written."""
 
 
@@ -237,8 +237,8 @@ def _parts(group: list[_Write[Any, Any]]) -> Iterator[list[_Write[Any, Any]]]:
         yield list(part)
 
 
-def _finish(write: _Write[Item, Result], result: Result | TidemapError) -> None:
-    if isinstance(result, TidemapError):
+def _finish(write: _Write[Item, Result], result: Result | DomainError) -> None:
+    if isinstance(result, DomainError):
         write.future.set_exception(result)
         return
     try:

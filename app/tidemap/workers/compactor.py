@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 
 from tidemap.errors import BusyError
-from tidemap.events.messages import Message
+from tidemap.events.messages import EventMessage
 from tidemap.services.compaction import compact
 from tidemap.services.context import Context
 from tidemap.services.pruning import prune
@@ -26,7 +26,7 @@ LATE_MEASUREMENTS = 6_000_000
 FAILED_S = 10.0
 """How long a location rests after its compaction has failed, and twice as long each time that it fails again."""
 STALLED_S = 600.0
-"""Posts do not wait for a log of which nothing was compacted for so long: the leader must have failed."""
+"""Posts do not wait for a log that nobody has compacted for so long: the leader must have failed."""
 SLOWEST_S = 0.25
 """How long the writer rests at most after a group of posts."""
 
@@ -56,7 +56,7 @@ class Compactor:
             self._worker.start()
 
     def request_stop(self) -> None:
-        """Leave the round at hand, of which nothing is stored."""
+        """Leave the round at hand; nothing of it is stored."""
         self._unsubscribe()
         self._ctx.store.slow_down(0)
         self._worker.request_stop()
@@ -70,7 +70,7 @@ class Compactor:
         """Whether it is at work, or has none."""
         return self._worker.alive() or not self._ctx.settings.updater
 
-    def _listen(self, message: Message) -> None:
+    def _listen(self, message: EventMessage) -> None:
         if message.kind == "observation":
             self._come_in += message.data["measurements"]
             if self._come_in >= COMPACT_MEASUREMENTS:
@@ -127,7 +127,7 @@ class Compactor:
 
 
 def is_long(location: LocationRecord, waiting: int) -> bool:
-    """Whether a location's log is to be compacted, of which so many measurements wait."""
+    """Whether a location's log with so many waiting measurements is to be compacted."""
     return location.observation_seq - location.compacted_seq >= COMPACT_POSTS or waiting >= COMPACT_MEASUREMENTS
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-MOST_S = 3600.0
+MAX_RETRY_S = 3600.0
 
 
 class Retries:
@@ -25,7 +25,7 @@ class Retries:
     def failed(self, location_id: int) -> None:
         """It was tried, and failed."""
         failures = self._failures[location_id] = self._failures.get(location_id, 0) + 1
-        self._due[location_id] = self._clock() + min(MOST_S, self._first_s * 2 ** min(failures - 1, 32))
+        self._due[location_id] = self._clock() + min(MAX_RETRY_S, self._first_s * 2 ** min(failures - 1, 32))
 
     def worked(self, location_id: int) -> None:
         """It was tried, and worked."""

@@ -4,7 +4,7 @@ import math
 import time
 from dataclasses import asdict
 
-from tidemap.events.messages import Message
+from tidemap.events.messages import EventMessage
 from tidemap.services.context import Context
 from tidemap.services.jobs import claim_job, request_update, requeue_interrupted, run_job
 from tidemap.services.update import UpdateRequest
@@ -54,7 +54,7 @@ class Updater:
         """Whether it is at work."""
         return self._worker.alive()
 
-    def _listen(self, message: Message) -> None:
+    def _listen(self, message: EventMessage) -> None:
         if message.kind == "job" and message.data.get("state") == "queued":
             self._worker.wake()
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from threading import Event, Thread
 
-from tidemap.errors import BusyError, ShuttingDownError, TidemapError
+from tidemap.errors import BusyError, DomainError, ShuttingDownError
 from tidemap.storage.records import LocationRecord
 
 log = logging.getLogger(__name__)
@@ -67,7 +67,7 @@ class Worker:
                 care(location)
             except BusyError:
                 raise
-            except TidemapError as error:
+            except DomainError as error:
                 log.warning("location %s: %s", location.name, error)
             except Exception:
                 log.exception("location %s: its care failed", location.name)

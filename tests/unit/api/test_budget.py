@@ -69,7 +69,7 @@ def test_one_may_overdraw_and_the_others_wait_their_turn() -> None:
     run(story())
 
 
-def test_whoever_overdraws_never_waits_again() -> None:
+def test_an_overdrawn_request_never_waits_again() -> None:
     async def story() -> None:
         budget = Budget(TOTAL, 0.0)
         with budget.share() as one, budget.share() as large:

@@ -67,7 +67,7 @@ def test_never_more_than_the_burst_and_what_time_has_brought(per_s: float, burst
 
 
 @given(st.floats(0.1, 100), st.integers(1, 20), st.lists(st.floats(0, 2), max_size=60))
-def test_whoever_waits_as_long_as_asked_is_taken(per_s: float, burst: int, pauses: list[float]) -> None:
+def test_a_request_that_waits_as_long_as_asked_is_taken(per_s: float, burst: int, pauses: list[float]) -> None:
     clock = Clock()
     rate = Rate(per_s, burst, clock)
     for pause in pauses:

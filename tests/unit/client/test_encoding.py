@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tidemap.client.encoding import Measurements, arrow, batches, look, measurements, rows
+from tidemap.client.encoding import PostedColumns, arrow, batches, look, measurements, rows
 
 
-def joined(parts: list[Measurements]) -> tuple[list[float], list[int], list[int]]:
+def joined(parts: list[PostedColumns]) -> tuple[list[float], list[int], list[int]]:
     time = [t for part in parts for t in part.time.tolist()]
     cell = [c for part in parts if part.cell is not None for c in part.cell.tolist()]
     return time, cell, [s for part in parts for s in part.state.tolist()]

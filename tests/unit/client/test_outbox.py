@@ -250,16 +250,16 @@ def test_a_file_that_fails_is_said_and_sending_goes_on_later(
     path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     failures = [OutboxError("the disk is full"), RuntimeError("a mistake of ours")]
-    from tidemap.client.outbox.store import Store
+    from tidemap.client.outbox.store import OutboxStore
 
-    sent = Store.sent
+    sent = OutboxStore.sent
 
-    def fails(self: Store, number: int) -> None:
+    def fails(self: OutboxStore, number: int) -> None:
         if failures:
             raise failures.pop(0)
         sent(self, number)
 
-    monkeypatch.setattr(Store, "sent", fails)
+    monkeypatch.setattr(OutboxStore, "sent", fails)
     with scripted(OK, AGAIN) as script, client(script, path) as robot:
         robot.location("door").observe([0.0], [1])
         assert robot.outbox.flush(WAIT_S)

@@ -19,7 +19,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 from tests.support.paths import ROOT
 from tidemap.client import OutboxError, OutboxFullError, Pending
 from tidemap.client.outbox.file import prepare
-from tidemap.client.outbox.store import PAGE_BYTES, Store
+from tidemap.client.outbox.store import PAGE_BYTES, OutboxStore
 from tidemap.client.posting import Batch
 
 MOST = 60
@@ -38,8 +38,8 @@ def path(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def store(path: Path) -> Iterator[Store]:
-    with closing(Store(path, durable=True)) as opened:
+def store(path: Path) -> Iterator[OutboxStore]:
+    with closing(OutboxStore(path, durable=True)) as opened:
         yield opened
 
 
@@ -62,7 +62,7 @@ class OutboxModel(RuleBasedStateMachine):
         self.folder = Path(tempfile.mkdtemp(prefix="outbox-model-"))
         self.path = self.folder / "outbox.db"
         prepare(self.path)
-        self.store = Store(self.path, durable=True)
+        self.store = OutboxStore(self.path, durable=True)
         self.rows: list[Row] = []
         self.made = 0
         self.crashes = 0
@@ -135,7 +135,7 @@ class OutboxModel(RuleBasedStateMachine):
     def reopen(self) -> None:
         self.store.close()
         prepare(self.path)
-        self.store = Store(self.path, durable=True)
+        self.store = OutboxStore(self.path, durable=True)
 
     @rule()
     def crash(self) -> None:
@@ -146,7 +146,7 @@ class OutboxModel(RuleBasedStateMachine):
             shutil.copyfile(f"{self.path}{suffix}", f"{copy}{suffix}")
         self.store.close()
         self.path = copy
-        self.store = Store(copy, durable=True)
+        self.store = OutboxStore(copy, durable=True)
 
     @rule()
     def shrink(self) -> None:
@@ -218,12 +218,12 @@ def test_a_name_is_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.chdir(tmp_path)
     for name in (":memory:", "50%20?mode=memory", "#1"):
         prepare(Path(name))
-        with closing(Store(Path(name), durable=True)) as store:
+        with closing(OutboxStore(Path(name), durable=True)) as store:
             store.put([batch()], MOST)
         assert (tmp_path / name).stat().st_size > 0
 
 
-def test_a_damaged_file_is_noticed_when_it_is_opened(path: Path, store: Store) -> None:
+def test_a_damaged_file_is_noticed_when_it_is_opened(path: Path, store: OutboxStore) -> None:
     store.put([batch(content=bytes(2000)) for _ in range(50)], 1 << 20)
     store.close()
     with path.open("r+b") as file:
@@ -239,7 +239,7 @@ def torn_off(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[int]]
     path = tmp_path_factory.mktemp("torn") / "outbox.db"
     prepare(path)
     log, ends = Path(f"{path}-wal"), []
-    with closing(Store(path, durable=True)) as store:
+    with closing(OutboxStore(path, durable=True)) as store:
         for number in range(6):
             store.put([batch(content=bytes([number]) * 3000), batch(key=f"{number}")], 1 << 20)
             ends.append(log.stat().st_size)
@@ -260,7 +260,7 @@ def test_a_log_torn_off_keeps_every_post_that_was_whole(torn_off: tuple[Path, li
         shutil.copyfile(crashed, path)
         Path(f"{path}-wal").write_bytes(whole[:tear] + rubbish)
         prepare(path)
-        with closing(Store(path, durable=True)) as store:
+        with closing(OutboxStore(path, durable=True)) as store:
             posts = sum(end <= tear for end in ends)
             assert store.pending().batches == 2 * posts
             store.put([batch(key="later")], 1 << 20)
@@ -277,7 +277,7 @@ def test_a_log_torn_off_keeps_every_post_that_was_whole(torn_off: tuple[Path, li
 
 def test_a_row_that_is_not_the_one_in_the_index_is_found_when_the_file_is_opened(path: Path) -> None:
     """Taking it out of the file would fail: nothing behind it would ever be sent."""
-    with closing(Store(path, durable=True)) as store:
+    with closing(OutboxStore(path, durable=True)) as store:
         store.put([batch(content=b"1" * 3000, key=str(number)) for number in range(20)], 1 << 20)
     content = path.read_bytes()
     at = content.rindex(LOCATIONS[0].encode())
@@ -292,7 +292,7 @@ def test_nothing_in_a_file_cut_short_is_taken_for_what_was_observed(data: st.Dat
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "outbox.db"
         prepare(path)
-        with closing(Store(path, durable=True)) as store:
+        with closing(OutboxStore(path, durable=True)) as store:
             store.put(written, 1 << 20)
         size = path.stat().st_size
         left = data.draw(st.integers(100, size - 1) | st.integers(size - PAGE_BYTES, size - 1))
@@ -304,7 +304,7 @@ def test_nothing_in_a_file_cut_short_is_taken_for_what_was_observed(data: st.Dat
             return
         # Only the end of the last page is gone.
         assert size - left < PAGE_BYTES
-        with closing(Store(path, durable=True)) as store:
+        with closing(OutboxStore(path, durable=True)) as store:
             for expected in written:
                 kept = store.first()
                 assert kept is not None
@@ -312,7 +312,7 @@ def test_nothing_in_a_file_cut_short_is_taken_for_what_was_observed(data: st.Dat
                 store.sent(kept.id)
 
 
-def test_a_batch_whose_query_cannot_be_read_is_damaged(store: Store, path: Path) -> None:
+def test_a_batch_whose_query_cannot_be_read_is_damaged(store: OutboxStore, path: Path) -> None:
     store.put([batch()], MOST)
     with closing(sqlite3.connect(path, isolation_level=None)) as db:
         for text in ("\0\0", "3", ""):
@@ -322,7 +322,7 @@ def test_a_batch_whose_query_cannot_be_read_is_damaged(store: Store, path: Path)
             assert kept.damaged
 
 
-def test_a_changed_content_is_not_taken_for_what_was_observed(store: Store, path: Path) -> None:
+def test_a_changed_content_is_not_taken_for_what_was_observed(store: OutboxStore, path: Path) -> None:
     store.put([batch(content=b"101")], MOST)
     with closing(sqlite3.connect(path, isolation_level=None)) as db:
         db.execute("UPDATE batch SET content = ?", [b"111"])
@@ -331,7 +331,7 @@ def test_a_changed_content_is_not_taken_for_what_was_observed(store: Store, path
     assert kept.damaged
 
 
-def test_a_full_disk_is_said_and_nothing_half_kept(store: Store) -> None:
+def test_a_full_disk_is_said_and_nothing_half_kept(store: OutboxStore) -> None:
     pages = store._db.execute("PRAGMA page_count").fetchone()[0]
     store._db.execute(f"PRAGMA max_page_count = {pages + 8}")
     store.put([batch(content=bytes(8000))], 1 << 20)
@@ -345,7 +345,7 @@ def test_a_full_disk_is_said_and_nothing_half_kept(store: Store) -> None:
 
 
 def test_a_disk_is_not_filled_so_far_that_nothing_can_be_taken_out(
-    store: Store, path: Path, monkeypatch: pytest.MonkeyPatch
+    store: OutboxStore, path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Half of what the disk has is for the log to be brought into the file."""
     disk = 8 << 20
@@ -386,12 +386,12 @@ print(store.pending().batches)
     assert "disk" in said
     assert left == "1"
     prepare(path)
-    with closing(Store(path, durable=True)) as store:
+    with closing(OutboxStore(path, durable=True)) as store:
         assert store.pending().batches == 1
         store.put([batch(content=bytes(100_000)) for _ in range(5)], 1 << 30)
 
 
-def test_an_outbox_that_was_full_gives_the_disk_back(store: Store, path: Path) -> None:
+def test_an_outbox_that_was_full_gives_the_disk_back(store: OutboxStore, path: Path) -> None:
     store.put([batch(content=bytes(1 << 20)) for _ in range(12)], 1 << 30)
     while (kept := store.first()) is not None:
         store.shrink()
@@ -419,5 +419,5 @@ for _ in range(20):
     for process in started:
         process.communicate("go\n", timeout=60)
     assert [process.returncode for process in started] == [0, 0, 0, 0]
-    with closing(Store(tmp_path / "outbox.db", durable=True)) as store:
+    with closing(OutboxStore(tmp_path / "outbox.db", durable=True)) as store:
         assert store.pending().batches == 160

@@ -8,7 +8,7 @@ import pytest
 
 from tidemap.demo.civil import DAY_S
 from tidemap.demo.locations import FORMS, NotTheDemoError, check
-from tidemap.demo.progress import Bar, Lines, Shown
+from tidemap.demo.progress import Bar, Lines, ShownProgress
 from tidemap.demo.seed import chunks, phases, rounds
 from tidemap.demo.story import planted
 from tidemap.schemas.locations import Grid, Location, LocationForm
@@ -85,7 +85,7 @@ class Terminal(io.StringIO):
 def test_progress_is_a_bar_on_a_terminal_and_lines_elsewhere() -> None:
     terminal, log = Terminal(), io.StringIO()
     for stream, shown in ((terminal, Bar), (log, Lines)):
-        task = Shown(stream).task("History", 4)
+        task = ShownProgress(stream).task("History", 4)
         assert isinstance(task, shown)
         with task as step:
             step(4)

@@ -1,15 +1,15 @@
-"""The bus: everybody hears everything once, in order, whoever else fails."""
+"""The bus: every listener hears everything once, in order, even when another fails."""
 
 from threading import Thread
 
 import pytest
 
 from tidemap.events.bus import Bus
-from tidemap.events.messages import Message
+from tidemap.events.messages import EventMessage
 
 
-def message(number: int) -> Message:
-    return Message("observation", "lab", number, 1.5, {"measurements": 3, "id": "hidden"})
+def message(number: int) -> EventMessage:
+    return EventMessage("observation", "lab", number, 1.5, {"measurements": 3, "id": "hidden"})
 
 
 def test_every_listener_hears_every_message_in_order() -> None:
@@ -36,7 +36,7 @@ def test_who_unsubscribed_hears_no_more() -> None:
 def test_a_listener_that_fails_is_logged_and_keeps_nobody_from_hearing(caplog: pytest.LogCaptureFixture) -> None:
     bus, heard = Bus(), []
 
-    def fail(_: Message) -> None:
+    def fail(_: EventMessage) -> None:
         raise ValueError("deaf")
 
     bus.subscribe(fail)
@@ -49,7 +49,7 @@ def test_a_listener_that_fails_is_logged_and_keeps_nobody_from_hearing(caplog: p
 def test_a_listener_may_unsubscribe_itself_or_subscribe_others_while_it_hears() -> None:
     bus, heard = Bus(), []
 
-    def once(each: Message) -> None:
+    def once(each: EventMessage) -> None:
         heard.append(each)
         unsubscribe()
         bus.subscribe(heard.append)

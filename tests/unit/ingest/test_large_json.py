@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tidemap import json_text
-from tidemap.errors import InvalidInputError, TidemapError, UnreadableBodyError
+from tidemap.errors import DomainError, InvalidInputError, UnreadableBodyError
 from tidemap.ingest import json_body, large_json
-from tidemap.space.grid import Grid
+from tidemap.space.grid import GridGeometry
 
-GRID = Grid("map", (0.0, 0.0, 0.0), 1.0, (4, 5))
+GRID = GridGeometry("map", (0.0, 0.0, 0.0), 1.0, (4, 5))
 TIME = st.sampled_from([0, 1.5, -3, "2026-03-01T09:00:00Z", "17", 1e9])
 CELL = st.integers(-1, 25) | st.lists(st.integers(-1, 6), min_size=2, max_size=2)
 LOOK = st.fixed_dictionaries({"time": TIME}, optional={"occupied": st.lists(CELL), "free": st.lists(CELL)})
@@ -22,7 +22,7 @@ LOOK = st.fixed_dictionaries({"time": TIME}, optional={"occupied": st.lists(CELL
 def columns(read: Any, document: Any, kind: str, indent: int | None) -> Any:
     try:
         found = read(json.dumps(document, indent=indent).encode(), kind, GRID)
-    except TidemapError as error:
+    except DomainError as error:
         return type(error)
     return [each.tolist() for each in (found.time, np.asarray(found.cell), found.state)]
 
@@ -65,7 +65,7 @@ def test_looks_are_read_alike(looks: list[dict[str, Any]], piece: int, indent: i
         (b'{"observations": [%s]}' % b",".join([b'{"time":1}'] * 100_001), "grid2d", InvalidInputError, "100000 looks"),
     ],
 )
-def test_what_is_wrong_is_said(content: bytes, kind: str, error: type[TidemapError], says: str) -> None:
+def test_what_is_wrong_is_said(content: bytes, kind: str, error: type[DomainError], says: str) -> None:
     with pytest.raises(error) as raised:
         large_json.read(content, kind, GRID)
     assert says in str(raised.value)

@@ -10,16 +10,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tidemap.errors import InvalidInputError, TidemapError, UnreadableBodyError, UnsupportedMediaTypeError
+from tidemap.errors import DomainError, InvalidInputError, UnreadableBodyError, UnsupportedMediaTypeError
 from tidemap.history.measurements import Measurements
 from tidemap.ingest.observation import ARROW, JSON, Body, Target, parse
-from tidemap.space.grid import SINGLE, Grid
+from tidemap.space.grid import SINGLE, GridGeometry
 
-GRID = Grid("map", (0.0, 0.0, 0.0), 0.1, (4, 3, 2))
+GRID = GridGeometry("map", (0.0, 0.0, 0.0), 0.1, (4, 3, 2))
 LATEST = 2e9
 STATE = Target("state", SINGLE, LATEST)
 SPACE = Target("grid3d", GRID, LATEST)
-FLAT = Target("grid2d", Grid("map", (0.0, 0.0, 0.0), 0.1, (4, 3)), LATEST)
+FLAT = Target("grid2d", GridGeometry("map", (0.0, 0.0, 0.0), 0.1, (4, 3)), LATEST)
 
 
 def rows(measurements: Measurements) -> list[tuple[float, int, int]]:
@@ -106,7 +106,7 @@ def look(**changes: Any) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    ("document", "target", "field", "mend"),
+    ("document", "target", "field", "advice"),
     [
         ([], STATE, "body", "send a JSON object"),
         ({"time": [1]}, STATE, "state", "missing"),
@@ -147,11 +147,11 @@ def look(**changes: Any) -> dict[str, Any]:
         (look(occupied=[2]), SPACE, "observations[1].free[0]", "both occupied and free"),
     ],
 )
-def test_what_is_wrong_is_named_with_its_mend(document: Any, target: Target, field: str, mend: str) -> None:
+def test_what_is_wrong_is_named_with_what_to_change(document: Any, target: Target, field: str, advice: str) -> None:
     with pytest.raises(InvalidInputError) as caught:
         from_json(document, target)
     assert caught.value.errors[0].field == field
-    assert mend in caught.value.errors[0].message
+    assert advice in caught.value.errors[0].message
 
 
 def test_every_unknown_and_missing_field_is_named_at_once() -> None:
@@ -181,7 +181,7 @@ def test_what_is_no_json_is_unreadable(content: bytes) -> None:
 
 
 @pytest.mark.parametrize(
-    ("columns", "target", "field", "mend"),
+    ("columns", "target", "field", "advice"),
     [
         ({"time": [1.0]}, STATE, "state", "missing"),
         ({"time": [1.0], "state": [1], "cell": [0]}, STATE, "cell", "not known here; send state, time"),
@@ -206,11 +206,11 @@ def test_what_is_no_json_is_unreadable(content: bytes) -> None:
         ({"time": pa.array([], pa.float64()), "state": pa.array([], pa.uint8())}, STATE, "time", "at least one"),
     ],
 )
-def test_what_is_wrong_in_arrow_is_named_too(columns: dict[str, Any], target: Target, field: str, mend: str) -> None:
+def test_what_is_wrong_in_arrow_is_named_too(columns: dict[str, Any], target: Target, field: str, advice: str) -> None:
     with pytest.raises(InvalidInputError) as caught:
         from_arrow(columns, target)
     assert caught.value.errors[0].field == field
-    assert mend in caught.value.errors[0].message
+    assert advice in caught.value.errors[0].message
 
 
 def test_arrow_that_is_cut_or_packed_is_unreadable() -> None:
@@ -267,7 +267,7 @@ DOCUMENTS = (
 def test_odd_documents_are_parsed_or_refused_in_our_words(document: Any, target: Target) -> None:
     try:
         measured = from_json(document, target)
-    except TidemapError:
+    except DomainError:
         return
     assert measured
     assert all(cell < target.grid.n_cells and state in (0, 1) and time <= LATEST for time, cell, state in measured)
@@ -284,6 +284,6 @@ def test_damaged_arrow_is_parsed_or_refused_in_our_words(noise: bytes, location:
     content = whole[:start] + noise + whole[start + len(noise) :]
     try:
         measured = rows(parse(Body(content, ARROW), target))
-    except TidemapError:
+    except DomainError:
         return
     assert all(cell < target.grid.n_cells and state in (0, 1) for _, cell, state in measured)

@@ -9,7 +9,7 @@ from tidemap.services.compaction import _split
 from tidemap.storage.records import CHUNK_CELLS
 
 CHUNKS, POSTS = 64, 200
-MOST_BYTES = 250
+MAX_BYTES = 250
 """Per chunk that a post saw something of: three arrays would take twice as much."""
 
 
@@ -23,4 +23,4 @@ def test_a_log_is_split_into_chunks_without_arrays_for_every_piece() -> None:
     finally:
         tracemalloc.stop()
     assert {chunk: len(found) for chunk, found in pieces.items()} == dict.fromkeys(range(CHUNKS), POSTS)
-    assert peak < MOST_BYTES * CHUNKS * POSTS
+    assert peak < MAX_BYTES * CHUNKS * POSTS

@@ -18,7 +18,7 @@ from tidemap.errors import (
     UnauthorizedError,
     UnsupportedMediaTypeError,
 )
-from tidemap.events.messages import Message
+from tidemap.events.messages import EventMessage
 from tidemap.ingest.observation import JSON, Body
 from tidemap.schemas.locations import LocationPatch
 from tidemap.services.anomalies import EventQuery, list_events
@@ -139,9 +139,9 @@ def test_small_groups_are_left_out_where_a_location_says_so(ctx: Context) -> Non
 
 def test_nothing_is_told_before_it_is_durable(ctx: Context) -> None:
     learned_door(ctx)
-    heard: list[tuple[Message, int, list[int | None]]] = []
+    heard: list[tuple[EventMessage, int, list[int | None]]] = []
 
-    def listen(message: Message) -> None:
+    def listen(message: EventMessage) -> None:
         events = [event.id for event in list_events(ctx, EventQuery())]
         heard.append((message, find_location(ctx, "door").observation_seq, events))
 
@@ -157,7 +157,7 @@ def test_nothing_is_told_before_it_is_durable(ctx: Context) -> None:
 @pytest.mark.parametrize("error", [QueueFullError(), StorageUnavailableError()])
 def test_what_could_not_be_stored_is_not_told(ctx: Context, monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
     make_location(ctx, "door")
-    heard: list[Message] = []
+    heard: list[EventMessage] = []
     ctx.bus.subscribe(heard.append)
 
     def refuse(*_: object) -> None:
@@ -281,12 +281,12 @@ def test_of_posts_in_one_group_only_those_that_are_wrong_are_refused(ctx: Contex
 
 
 def test_events_of_one_group_are_told_in_the_order_of_their_ids(ctx: Context) -> None:
-    """Whoever resumes behind the last event that it heard of misses none, whichever location is older."""
+    """A client that resumes behind its last event misses none, whichever location is older."""
     for name in ("door", "gate"):
         make_location(ctx, name, estimator="static")
         post_states(ctx, name, np.arange(100) * 60.0, np.zeros(100))
         refit(ctx, name)
-    heard: list[Message] = []
+    heard: list[EventMessage] = []
     ctx.bus.subscribe(lambda message: heard.append(message) if message.kind == "anomaly" else None)
     go_on = Event()
     ctx.store.submit(lambda _: go_on.wait(WAIT_S))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.support.contexts import compact_now, history_of, make_location, opened, post_rows, refit
-from tidemap.errors import TidemapError
+from tidemap.errors import DomainError
 from tidemap.history.history import UNOBSERVED
 from tidemap.services.anomalies import EventQuery, list_events
 from tidemap.services.context import Context
@@ -53,7 +53,7 @@ def compaction(ctx: Context, _: int) -> None:
 def update(ctx: Context, n: int) -> None:
     try:
         refit(ctx, "lab", estimator="fft", order=1 + n)
-    except TidemapError:
+    except DomainError:
         """Two updates took the same number; one of them goes on."""
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.support.contexts import NOW, Clock, Serial, history_of, make_location, post_rows, post_states, refit
-from tidemap.errors import InvalidInputError, LocationNotFoundError, NoModelError, TidemapError
+from tidemap.errors import DomainError, InvalidInputError, LocationNotFoundError, NoModelError
 from tidemap.history.history import UNOBSERVED
 from tidemap.services.context import Context
 from tidemap.services.locations import delete_location, find_location, get_location
@@ -224,7 +224,7 @@ def test_a_post_between_the_compaction_and_the_plan_waits_for_the_next_update_to
 
 def test_a_location_deleted_during_its_update_is_gone(ctx: Context) -> None:
     make_lab(ctx)
-    with pytest.raises(TidemapError):
+    with pytest.raises(DomainError):
         interrupted(ctx, lambda: delete_location(ctx, "lab"))
     make_lab(ctx)
     assert find_location(ctx, "lab").revision == 0
@@ -239,7 +239,7 @@ def test_a_location_made_anew_during_an_update_does_not_get_it(ctx: Context) -> 
         make_location(ctx, "lab", (80, 40))
         post_rows(ctx, "lab", [(0.0, 5, 1)])
 
-    with pytest.raises(TidemapError):
+    with pytest.raises(DomainError):
         interrupted(ctx, renew)
     assert find_location(ctx, "lab").revision == 0
     refit(ctx, "lab", estimator="static")
@@ -253,7 +253,7 @@ def test_of_two_updates_at_once_one_whole_model_is_left(ctx: Context) -> None:
     def update(n: int) -> bool:
         try:
             refit(ctx, "lab", estimator="fft", order=1 + n)
-        except TidemapError:
+        except DomainError:
             return False
         return True
 

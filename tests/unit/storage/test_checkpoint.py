@@ -31,7 +31,7 @@ def store(sqlite_url: str) -> Iterator[Store]:
 @pytest.fixture
 def log(sqlite_url: str, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The log file, bounded to what a test can fill quickly."""
-    monkeypatch.setattr("tidemap.storage.checkpoint.MOST_BYTES", MOST)
+    monkeypatch.setattr("tidemap.storage.checkpoint.MAX_BYTES", MOST)
     return Path(sqlite_url.removeprefix("sqlite:///") + "-wal")
 
 

@@ -5,10 +5,10 @@ import threading
 
 from tests.support.waiting import WAIT_S
 from tidemap.events.bus import Bus
-from tidemap.events.messages import Message
+from tidemap.events.messages import EventMessage
 from tidemap_web.viewer.inner import InnerViser
 from tidemap_web.viewer.news import News
-from tidemap_web.viewer.sockets import Outbox
+from tidemap_web.viewer.sockets import SendQueue
 
 
 def test_nobody_can_open_a_tunnel_to_a_public_server() -> None:
@@ -27,8 +27,8 @@ def test_news_are_told_together() -> None:
     bus, news = Bus(), News(tell)
     news.start(bus)
     for number in range(200):
-        bus.publish(Message("observation", "lab", number, 0.0))
-    bus.publish(Message("update", "last", 1, 0.0))
+        bus.publish(EventMessage("observation", "lab", number, 0.0))
+    bus.publish(EventMessage("update", "last", 1, 0.0))
     assert enough.wait(WAIT_S)
     assert set().union(*told) == {"lab", "last"}
     assert len(told) <= 3
@@ -37,7 +37,7 @@ def test_news_are_told_together() -> None:
 
 def test_a_slow_page_gets_the_newest_of_each_kind() -> None:
     async def scenario() -> list[tuple[str, int]]:
-        outbox = Outbox()
+        outbox = SendQueue()
         for number in range(5):
             outbox.put({"kind": "frame", "number": number})
         outbox.put({"kind": "location", "number": 9})

@@ -10,7 +10,7 @@ import pytest
 
 from tests.support.waiting import WAIT_S
 from tests.unit.web.states import NOW, FakeSource, location
-from tidemap_web.viewer.messages import Aim, Select, Wish, parse
+from tidemap_web.viewer.messages import Aim, Select, ViewRequest, parse
 from tidemap_web.viewer.session import Session
 
 
@@ -94,7 +94,7 @@ def running(source: FakeSource, page: Page) -> Iterator[Session]:
 def test_it_opens_with_the_first_grid_at_its_newest_time(page: Page) -> None:
     with running(FakeSource("lab", "yard"), page) as session:
         session.attach(FakeScene())
-        session.ask(Wish())
+        session.ask(ViewRequest())
         assert page.last("grids")["items"] == [
             {"name": "lab", "kind": "grid3d"},
             {"name": "yard", "kind": "grid3d"},
@@ -112,7 +112,7 @@ def test_only_the_newest_of_many_wishes_is_drawn(page: Page) -> None:
         page.last("frame")
         scene.gate.clear()
         for i in range(100):
-            session.ask(Wish(time=NOW - i))
+            session.ask(ViewRequest(time=NOW - i))
         assert not session.stats()["idle"]
         scene.gate.set()
         page.last("frame", lambda frame: frame["time"] == NOW - 99)
@@ -123,12 +123,12 @@ def test_a_scene_is_built_once_and_again_for_another_grid(page: Page) -> None:
     scene = FakeScene()
     with running(FakeSource("lab", "yard"), page) as session:
         session.attach(scene)
-        session.ask(Wish(location="lab", time=NOW - 1))
+        session.ask(ViewRequest(location="lab", time=NOW - 1))
         page.last("frame", lambda frame: frame["time"] == NOW - 1)
-        session.ask(Wish(location="lab", time=NOW - 2))
+        session.ask(ViewRequest(location="lab", time=NOW - 2))
         page.last("frame", lambda frame: frame["time"] == NOW - 2)
         assert scene.drawn.count("build") == 1
-        session.ask(Wish(location="yard"))
+        session.ask(ViewRequest(location="yard"))
         page.last("frame", lambda frame: frame["location"] == "yard")
         assert scene.drawn.count("build") == 2
         session.ask(Aim(kind="aim", view="above"))
@@ -141,7 +141,7 @@ def test_a_scene_is_built_once_and_again_for_another_grid(page: Page) -> None:
 def test_live_moves_with_new_observations_and_others_do_not_disturb(page: Page) -> None:
     source = FakeSource("lab", "yard")
     with running(source, page) as session:
-        session.ask(Wish(location="lab", follow=True))
+        session.ask(ViewRequest(location="lab", follow=True))
         page.last("frame")
         source.locations["lab"] = location("lab", NOW + 60)
         session.notify({"yard"})
@@ -153,7 +153,7 @@ def test_live_moves_with_new_observations_and_others_do_not_disturb(page: Page) 
 def test_a_new_location_appears_in_the_list(page: Page) -> None:
     source = FakeSource("lab")
     with running(source, page) as session:
-        session.ask(Wish())
+        session.ask(ViewRequest())
         page.last("frame")
         source.locations["yard"] = location("yard")
         session.notify({"yard"})
@@ -169,7 +169,7 @@ def test_a_new_location_appears_in_the_list(page: Page) -> None:
 )
 def test_it_says_why_there_is_nothing_to_see(source: FakeSource, reason: str, page: Page) -> None:
     with running(source, page) as session:
-        session.ask(Wish())
+        session.ask(ViewRequest())
         assert page.last("notice")["reason"] == reason
 
 
@@ -177,9 +177,9 @@ def test_it_recovers_from_what_is_missing(page: Page) -> None:
     source = FakeSource("lab")
     source.locations["lab"] = location("lab", None)
     with running(source, page) as session:
-        session.ask(Wish(location="nowhere"))
+        session.ask(ViewRequest(location="nowhere"))
         assert page.last("notice")["reason"] == "not-found"
-        session.ask(Wish(location="lab"))
+        session.ask(ViewRequest(location="lab"))
         page.last("notice", lambda notice: notice["reason"] == "no-observations")
         source.locations["lab"] = location("lab")
         session.notify({"lab"})
@@ -191,11 +191,11 @@ def test_a_browser_that_has_gone_is_painted_anew_when_it_is_back(page: Page) -> 
     with running(FakeSource("lab"), page) as session:
         scene.fails = ConnectionError()
         session.attach(scene)
-        session.ask(Wish(time=NOW - 1))
+        session.ask(ViewRequest(time=NOW - 1))
         page.last("frame", lambda frame: frame["time"] == NOW - 1)
         again = FakeScene()
         session.attach(again)
-        session.ask(Wish(time=NOW - 2))
+        session.ask(ViewRequest(time=NOW - 2))
         page.last("frame", lambda frame: frame["time"] == NOW - 2)
         assert "build" in again.drawn
 
@@ -206,7 +206,7 @@ def test_a_browser_that_sleeps_does_not_hold_up_the_page(page: Page) -> None:
         scene.fails = TimeoutError()
         session.attach(scene)
         page.last("frame")
-        session.ask(Wish(time=NOW - 2))
+        session.ask(ViewRequest(time=NOW - 2))
         page.last("frame", lambda frame: frame["time"] == NOW - 2)
         assert scene.drawn.count("build") == 1
 
@@ -220,4 +220,4 @@ def test_a_wrong_message_is_refused(text: str) -> None:
 
 
 def test_a_wish_may_leave_everything_out() -> None:
-    assert parse('{"kind": "wish"}') == Wish()
+    assert parse('{"kind": "wish"}') == ViewRequest()

@@ -16,9 +16,9 @@ from tests.support.contexts import (
     Clock,
     at_work,
     compact_now,
+    elected,
     history_of,
     make_location,
-    on_duty,
     opened,
     post_rows,
     post_states,
@@ -43,7 +43,7 @@ from tidemap.workers.updater import Updater
 @contextmanager
 def working(ctx: Context) -> Iterator[Compactor]:
     """A compactor at work."""
-    with on_duty(ctx) as election, at_work(Compactor(ctx, election)) as compactor:
+    with elected(ctx) as election, at_work(Compactor(ctx, election)) as compactor:
         yield compactor
 
 
@@ -182,14 +182,14 @@ def test_a_location_that_cannot_be_compacted_is_tried_ever_more_rarely_and_nobod
         until(lambda: not compactor._retries.fails(find_location(lively, "lab").id))
 
 
-def test_off_duty_nobody_waits_long_for_a_location_that_is_not_compacted(
+def test_without_a_leader_nobody_waits_long_for_a_location_that_is_not_compacted(
     lively: Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(compactor_module, "LATE_MEASUREMENTS", 10)
     monkeypatch.setattr(compactor_module, "STALLED_S", 0.5)
     make_location(lively, "door")
     post_many(lively, COMPACT_POSTS)
-    with on_duty(lively) as election:
+    with elected(lively) as election:
         until(lambda: election.term is not None)
         other = LeaderElection(lively)
         compactor = Compactor(lively, other)

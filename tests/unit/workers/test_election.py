@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from sqlalchemy.exc import OperationalError
 
-from tests.support.contexts import at_work, make_location, on_duty, post_rows, post_states
+from tests.support.contexts import at_work, elected, make_location, post_rows, post_states
 from tests.support.waiting import WAIT_S, until
 from tidemap.errors import NotLeaderError
 from tidemap.services import compaction
@@ -65,11 +65,11 @@ def steal(ctx: Context, other: FileLock) -> bool:
     return other.take() is not None
 
 
-def test_the_first_has_the_duty_and_the_second_after_it(ctx: Context) -> None:
+def test_the_first_leads_and_the_second_after_it(ctx: Context) -> None:
     begun = Event()
     second = LeaderElection(ctx)
     second.on_begin(begun.set)
-    with on_duty(ctx) as first:
+    with elected(ctx) as first:
         until(lambda: first.term is not None)
         second.start()
         time.sleep(0.1)
@@ -92,7 +92,7 @@ def test_the_first_has_the_duty_and_the_second_after_it(ctx: Context) -> None:
 
 def test_a_term_ends_with_its_lock(ctx: Context, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.DEBUG)
-    with on_duty(ctx) as election:
+    with elected(ctx) as election:
         until(lambda: election.term is not None)
         old = take_away(ctx, election)
         with pytest.raises(NotLeaderError):
@@ -109,7 +109,7 @@ def test_a_term_ends_with_its_lock(ctx: Context, caplog: pytest.LogCaptureFixtur
 
 def test_who_hears_from_the_database_that_another_began_gives_up(ctx: Context) -> None:
     """The lock seems to be held still: somebody has removed its file."""
-    with on_duty(ctx) as election:
+    with elected(ctx) as election:
         until(lambda: election.term is not None)
         term = election.term
         assert term is not None
@@ -142,7 +142,7 @@ def test_an_update_whose_term_ends_publishes_nothing_and_runs_again(
 
     monkeypatch.setattr(update, "run_task", slow)
     make_lab(lively)
-    with on_duty(lively) as election, at_work(Updater(lively, election)):
+    with elected(lively) as election, at_work(Updater(lively, election)):
         job = request_update(lively, "lab", STATIC)
         assert begun.wait(WAIT_S)
         take_away(lively, election)
@@ -163,7 +163,7 @@ def test_jobs_that_others_run_are_left_alone(lively: Context) -> None:
     post_states(lively, "door", [0.0, 60.0], [0, 1])
     job = request_update(lively, "door", STATIC)
     claim_job(lively, frozenset())
-    with held_elsewhere(lively) as other, on_duty(lively) as election, at_work(Updater(lively, election)) as updater:
+    with held_elsewhere(lively) as other, elected(lively) as election, at_work(Updater(lively, election)) as updater:
         time.sleep(0.2)
         assert updater.alive()
         assert get_job(lively, job.id).state == "running"
@@ -175,7 +175,7 @@ def test_jobs_that_the_holder_between_left_run_again(lively: Context) -> None:
     """This process led before, and had left nothing running."""
     make_location(lively, "door")
     post_states(lively, "door", [0.0, 60.0], [0, 1])
-    with on_duty(lively) as election, at_work(Updater(lively, election)) as updater:
+    with elected(lively) as election, at_work(Updater(lively, election)) as updater:
         until(lambda: updater._settled is not None)
         other = FileLock(lively.settings.url, lock_file(lively))
         until(lambda: steal(lively, other))
@@ -186,23 +186,23 @@ def test_jobs_that_the_holder_between_left_run_again(lively: Context) -> None:
         until(lambda: get_job(lively, job.id).state == "done")
 
 
-def test_off_duty_too_it_finds_out_when_the_database_can_be_written_again(lively: Context) -> None:
+def test_a_follower_too_finds_out_when_the_database_can_be_written_again(lively: Context) -> None:
     """A server that is not ready gets no posts that would show it."""
-    with held_elsewhere(lively), on_duty(lively) as election, at_work(Updater(lively, election)):
+    with held_elsewhere(lively), elected(lively) as election, at_work(Updater(lively, election)):
         lively.store._writer.trouble.failed(OperationalError("INSERT", {}, sqlite3.OperationalError("disk is full")))
         assert lively.store.trouble() is not None
         until(lambda: lively.store.trouble() is None)
         assert election.term is None
 
 
-def test_off_duty_nothing_is_compacted_but_posts_are_slowed_down(
+def test_by_a_follower_nothing_is_compacted_but_posts_are_slowed_down(
     lively: Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tidemap.workers.compactor.LATE_MEASUREMENTS", 100)
     make_location(lively, "door")
     with (
         held_elsewhere(lively) as other,
-        on_duty(lively) as election,
+        elected(lively) as election,
         at_work(Compactor(lively, election)) as compactor,
     ):
         for _ in range(COMPACT_POSTS):

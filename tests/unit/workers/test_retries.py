@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.contexts import Clock
-from tidemap.workers.retries import MOST_S, Retries
+from tidemap.workers.retries import MAX_RETRY_S, Retries
 
 
 def test_what_never_failed_is_always_tried() -> None:
@@ -20,7 +20,7 @@ def test_each_failure_doubles_the_rest_up_to_an_hour(failures: int, first_s: flo
     retries = Retries(first_s, clock)
     for n in range(failures):
         retries.failed(1)
-        rest = min(MOST_S, first_s * 2**n)
+        rest = min(MAX_RETRY_S, first_s * 2**n)
         began, clock.now = clock.now, clock.now + 0.999 * rest
         assert not retries.due(1)
         clock.now = began + 1.001 * rest
@@ -29,7 +29,7 @@ def test_each_failure_doubles_the_rest_up_to_an_hour(failures: int, first_s: flo
     retries.worked(1)
     assert retries.due(1)
     retries.failed(1)
-    clock.now += 1.001 * min(MOST_S, first_s)
+    clock.now += 1.001 * min(MAX_RETRY_S, first_s)
     assert retries.due(1), "it begins anew"
 
 

@@ -16,15 +16,15 @@ from tests.support.contexts import (
     Clock,
     at_work,
     compact_now,
+    elected,
     make_location,
-    on_duty,
     opened,
     post_rows,
     post_states,
 )
 from tests.support.waiting import WAIT_S, until
 from tidemap.errors import JobFinishedError, JobNotFoundError, QueueFullError, StorageUnavailableError
-from tidemap.events.messages import Message
+from tidemap.events.messages import EventMessage
 from tidemap.schemas.jobs import Job
 from tidemap.services import jobs as jobs_service
 from tidemap.services.context import Context
@@ -34,7 +34,7 @@ from tidemap.services.predict import StateQuery, state_at
 from tidemap.services.update import UpdateRequest
 from tidemap.spectral.recipe import Recipe
 from tidemap.storage.records import JobRecord, LocationRecord, RevisionRecord
-from tidemap.storage.repositories.jobs import Jobs
+from tidemap.storage.repositories.jobs import JobRepository
 from tidemap.storage.tables import history
 from tidemap.workers import updater as updater_module
 from tidemap.workers.election import LeaderElection
@@ -46,7 +46,7 @@ STATIC = UpdateRequest(estimator="static")
 @contextmanager
 def working(ctx: Context) -> Iterator[Updater]:
     """An updater at work."""
-    with on_duty(ctx) as election, at_work(Updater(ctx, election)) as updater:
+    with elected(ctx) as election, at_work(Updater(ctx, election)) as updater:
         yield updater
 
 
@@ -137,7 +137,7 @@ def test_an_update_that_fails_is_not_asked_for_all_the_time(lively: Context, clo
 def test_jobs_run_in_order_and_everybody_is_told(ctx: Context) -> None:
     make_location(ctx, "door")
     post_states(ctx, "door", [0.0, 60.0], [0, 1])
-    heard: list[Message] = []
+    heard: list[EventMessage] = []
     ctx.bus.subscribe(heard.append)
     with working(ctx):
         first, second = (request_update(ctx, "door", STATIC) for _ in range(2))
@@ -271,23 +271,23 @@ def test_a_revision_is_visible_only_with_the_end_of_its_job(lively: Context, mon
     """Else one that dies between the two would run again, and publish twice."""
     make_location(lively, "door")
     post_states(lively, "door", [0.0, 60.0], [0, 1])
-    transition = Jobs.transition
+    transition = JobRepository.transition
     tried: list[str] = []
 
-    def die(jobs: Jobs, job_id: int, expected: str, **values: Any) -> bool:
+    def die(jobs: JobRepository, job_id: int, expected: str, **values: Any) -> bool:
         # Twice: the writer tries a write of a group again, alone.
         if values["state"] == "done" and len(tried) < 2:
             tried.append("done")
             raise StorageUnavailableError
         return transition(jobs, job_id, expected, **values)
 
-    def see(message: Message) -> None:
+    def see(message: EventMessage) -> None:
         if message.data.get("state") == "running":
             revisions.append(find_location(lively, "door").revision)
 
     revisions: list[int] = []
     lively.bus.subscribe(see)
-    monkeypatch.setattr(Jobs, "transition", die)
+    monkeypatch.setattr(JobRepository, "transition", die)
     with working(lively):
         job = request_update(lively, "door", STATIC)
         assert until(lambda: finished(lively, job.id)).state == "done"

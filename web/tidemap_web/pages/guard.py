@@ -1,4 +1,4 @@
-"""Who may see the pages: anybody on a server without keys, else whoever signed in with an operator's key."""
+"""Who may see the pages: anybody on a server without keys, else people who signed in with an operator's key."""
 
 import re
 from typing import Any
@@ -8,8 +8,8 @@ from fastapi import Request, Response
 from fastapi.responses import RedirectResponse
 from starlette.requests import HTTPConnection
 
-from tidemap.api.auth import COOKIE, counting_wrong_keys, of_connection, refuse_other_sites
-from tidemap.errors import ForbiddenError, TidemapError, UnauthorizedError
+from tidemap.api.auth import COOKIE, authenticate, counting_wrong_keys, refuse_other_sites
+from tidemap.errors import DomainError, ForbiddenError, UnauthorizedError
 from tidemap.services.context import Context
 from tidemap.services.keys import OPEN, SESSION_S, Principal, allows, by_secret, end_session, start_session
 
@@ -19,7 +19,7 @@ NO_STORE = {"Cache-Control": "no-store"}
 
 def principal(connection: HTTPConnection) -> Principal:
     """Who asks, if they may look. Raises UnauthorizedError, ForbiddenError, OtherSiteError, RateLimitError."""
-    found = of_connection(connection)
+    found = authenticate(connection)
     if not allows(found.role, "operator"):
         raise ForbiddenError("A robot's key is for posting; the pages need an operator's key.")
     return found
@@ -29,7 +29,7 @@ def signed_in(request: Request) -> Principal | None:
     """Who is named at the top of a page; nobody on an open server."""
     try:
         found = principal(request)
-    except TidemapError:
+    except DomainError:
         return None
     return None if found == OPEN else found
 
@@ -40,7 +40,7 @@ def header(ctx: Context, request: Request) -> dict[str, Any]:
 
 
 def refuse(request: Request) -> Response | None:
-    """401 or 403 for whoever may not look, None for whoever may."""
+    """401 or 403 for a visitor who may not look, None for one who may."""
     try:
         principal(request)
     except UnauthorizedError as error:
@@ -51,7 +51,7 @@ def refuse(request: Request) -> Response | None:
 
 
 def redirect(request: Request) -> Response | None:
-    """Send whoever may not look to the sign-in page; None for whoever may."""
+    """Send a visitor who may not look to the sign-in page; None for one who may."""
     if refuse(request) is None:
         return None
     if "hx-request" in request.headers:
@@ -66,7 +66,7 @@ def allows_socket(socket: HTTPConnection) -> bool:
     try:
         refuse_other_sites(socket)
         principal(socket)
-    except TidemapError:
+    except DomainError:
         return False
     return True
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from fastapi import Request, Response
 
 from tidemap.api.errors import STATUS, headers_of, look_up
-from tidemap.errors import TidemapError
+from tidemap.errors import DomainError
 from tidemap_web.pages.templates import page
 
 
@@ -19,12 +19,12 @@ class Refusal:
     headers: Mapping[str, str] = field(default_factory=dict)
 
 
-def refusal_of(error: TidemapError) -> Refusal:
+def refusal_of(error: DomainError) -> Refusal:
     """The refusal that the API would answer with a problem document."""
     return Refusal(look_up(STATUS, error, 500), str(error), headers_of(error))
 
 
-def problem_page(request: Request, error: TidemapError) -> Response:
+def problem_page(request: Request, error: DomainError) -> Response:
     """A page that says what is wrong. It asks nothing of who is signed in, for that may be what is wrong."""
     refusal = refusal_of(error)
     facts = {"title": error.title, "detail": refusal.detail, "signed_in": None, "has_viewer": False}

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse
 
-from tidemap.errors import TidemapError, UnauthorizedError
+from tidemap.errors import DomainError, UnauthorizedError
 from tidemap.services import anomalies, locations
 from tidemap.services.context import Context
 from tidemap_web.pages import guard
@@ -62,7 +62,7 @@ def _add_session(ctx: Context, routes: APIRouter) -> None:
             if guard.refuse(request) is None:
                 return RedirectResponse(guard.local(next), 303, guard.NO_STORE)
             return _login_page(ctx, request, next)
-        except TidemapError as error:
+        except DomainError as error:
             return problem_page(request, error)
 
     @routes.post("/login", response_model=None)
@@ -76,7 +76,7 @@ def _add_session(ctx: Context, routes: APIRouter) -> None:
         except UnauthorizedError:
             problem = "This key is not known here. Check that all of it was copied."
             return await run_in_threadpool(_login_page, ctx, request, then, Refusal(401, problem))
-        except TidemapError as error:
+        except DomainError as error:
             return await run_in_threadpool(_login_page, ctx, request, then, refusal_of(error))
 
     @routes.post("/logout", response_model=None)
@@ -84,7 +84,7 @@ def _add_session(ctx: Context, routes: APIRouter) -> None:
         """End the browser's session."""
         try:
             return guard.sign_out(ctx, request)
-        except TidemapError as error:
+        except DomainError as error:
             return problem_page(request, error)
 
 
@@ -103,7 +103,7 @@ def _guarded(ctx: Context, request: Request, template: str, facts: Callable[[], 
         if turned_away := guard.redirect(request):
             return turned_away
         return page(request, template, {**guard.header(ctx, request), **facts()})
-    except TidemapError as error:
+    except DomainError as error:
         return problem_page(request, error)
 
 

@@ -7,11 +7,11 @@ from pydantic import Field, TypeAdapter
 from tidemap.schemas.common import Form, TimeIn
 from tidemap.schemas.locations import Confidence
 
-Message = dict[str, Any]
+PageMessage = dict[str, Any]
 """Session to page: `kind`: grids, location, frame, notice, selected; the newest of a kind replaces an unsent one."""
 
 
-class Wish(Form):
+class ViewRequest(Form):
     """What the page wants to see; a new wish replaces the one before.
 
     Without `time`, or with `follow`, the time of the newest observation; without `confidence`, the location's.
@@ -42,10 +42,10 @@ class Select(Form):
     cell: int | None = Field(None, ge=0)
 
 
-Request = Annotated[Wish | Aim | Select, Field(discriminator="kind")]
-_REQUEST: TypeAdapter[Wish | Aim | Select] = TypeAdapter(Request)
+Request = Annotated[ViewRequest | Aim | Select, Field(discriminator="kind")]
+_REQUEST: TypeAdapter[ViewRequest | Aim | Select] = TypeAdapter(Request)
 
 
-def parse(text: str | bytes) -> Wish | Aim | Select:
+def parse(text: str | bytes) -> ViewRequest | Aim | Select:
     """A message of the page. Raises ValueError (pydantic's ValidationError)."""
     return _REQUEST.validate_json(text)

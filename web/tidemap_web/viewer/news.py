@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 
 from tidemap.events.bus import Bus
-from tidemap.events.messages import Message
+from tidemap.events.messages import EventMessage
 
 _QUIET_S = 0.3
 
@@ -30,7 +30,7 @@ class News:
             self._stopped = True
             self._heard.notify_all()
 
-    def _note(self, message: Message) -> None:
+    def _note(self, message: EventMessage) -> None:
         with self._heard:
             self._names.add(message.location)
             self._heard.notify_all()

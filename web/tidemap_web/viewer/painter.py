@@ -11,10 +11,10 @@ from tidemap.schemas.locations import Grid, Location
 from tidemap_web.viewer import report
 from tidemap_web.viewer.cells import Cloud, Ground, Picture, Taste, index_of, picture
 from tidemap_web.viewer.layout import Layout, arrange
-from tidemap_web.viewer.messages import Aim, Message, Select, Wish
+from tidemap_web.viewer.messages import Aim, PageMessage, Select, ViewRequest
 from tidemap_web.viewer.picking import Ray, first_hit
 from tidemap_web.viewer.scene import CELL_HALF, Scene
-from tidemap_web.viewer.source import Question, Source, State
+from tidemap_web.viewer.source import Question, Source, ViewedState
 
 _log = logging.getLogger(__name__)
 ACKNOWLEDGE_S = 15.0
@@ -24,11 +24,11 @@ Key = tuple[str, float, int, int]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shown:
+class PaintedView:
     """What a tab shows."""
 
     location: Location
-    state: State
+    state: ViewedState
     picture: Picture
     layout: Layout
     taste: Taste
@@ -37,8 +37,8 @@ class Shown:
 class Painter:
     """Keeps what is on the screen, so that only differences are sent."""
 
-    def __init__(self, source: Source, publish: Callable[[Message], None]) -> None:
-        self.shown: Shown | None = None
+    def __init__(self, source: Source, publish: Callable[[PageMessage], None]) -> None:
+        self.shown: PaintedView | None = None
         self.updates = 0
         self._source = source
         self._publish = publish
@@ -64,7 +64,7 @@ class Painter:
         """Whether news of these locations can change what the tab shows; asked from other threads."""
         return self.shown is None or self._location in names or not names <= self._known
 
-    def paint(self, wish: Wish, news: bool) -> None:
+    def paint(self, wish: ViewRequest, news: bool) -> None:
         """Bring the tab to a wish; `news` asks for everything afresh.
 
         Raises LocationNotFoundError, NoModelError.
@@ -118,7 +118,7 @@ class Painter:
         first = location.first_time if location.first_time is not None else now
         self._publish(report.location(location, self._source.events(location.name, first), now))
 
-    def _look(self, location: Location, wish: Wish) -> Shown | None:
+    def _look(self, location: Location, wish: ViewRequest) -> PaintedView | None:
         """What there is to see; None when nothing has been observed."""
         if location.last_time is None or location.grid is None:
             return None
@@ -129,9 +129,9 @@ class Painter:
         ground, layout = self._lay(location, location.grid, state)
         usual = self._usual(location, state) if wish.dim else None
         taste = Taste(wish.floor, max(FRESH_S, 2 * location.interval_s))
-        return Shown(location, state, picture(state, ground, usual, taste), layout, taste)
+        return PaintedView(location, state, picture(state, ground, usual, taste), layout, taste)
 
-    def _lay(self, location: Location, grid: Grid, state: State) -> tuple[Ground, Layout]:
+    def _lay(self, location: Location, grid: Grid, state: ViewedState) -> tuple[Ground, Layout]:
         """Where the state's cells are, worked out once a revision."""
         key = _key(location, state)
         if self._laid is None or self._laid[0] != key:
@@ -140,7 +140,7 @@ class Painter:
             self._laid = (key, ground, layout)
         return self._laid[1], self._laid[2]
 
-    def _usual(self, location: Location, state: State) -> NDArray[np.float32] | None:
+    def _usual(self, location: Location, state: ViewedState) -> NDArray[np.float32] | None:
         """Mean probabilities of the state's cells, asked for once a revision."""
         key = _key(location, state)
         if self._means is None or self._means[0] != key:
@@ -149,7 +149,7 @@ class Painter:
         usual = self._means[1]
         return usual if len(usual) == len(state.cell) else None
 
-    def _draw(self, shown: Shown) -> None:
+    def _draw(self, shown: PaintedView) -> None:
         scene = self._scene
         if scene is None:
             return
@@ -176,18 +176,18 @@ class Painter:
             self._scene = None
 
 
-def _key(location: Location, state: State) -> Key:
+def _key(location: Location, state: ViewedState) -> Key:
     return location.name, location.created_at, state.revision, len(state.cell)
 
 
-def _index(shown: Shown, cell: int | None) -> NDArray[np.int32] | None:
+def _index(shown: PaintedView, cell: int | None) -> NDArray[np.int32] | None:
     if cell is None or cell >= int(np.prod(shown.state.shape)):
         return None
     index: NDArray[np.int32] = index_of(np.array([cell], dtype=np.int64), shown.state.shape)[0]
     return index
 
 
-def _hit(shown: Shown, cloud: Cloud, ray: Ray) -> tuple[float, int] | None:
+def _hit(shown: PaintedView, cloud: Cloud, ray: Ray) -> tuple[float, int] | None:
     """Depth and linear index of the first cell of a cloud under a ray."""
     hit = first_hit(ray, shown.layout.centre(cloud.index), CELL_HALF * shown.layout.resolution_m)
     return None if hit is None else (hit[0], int(shown.state.cell[cloud.row[hit[1]]]))

@@ -7,14 +7,14 @@ from fastapi import APIRouter, Request, Response, WebSocket
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse
 
-from tidemap.errors import TidemapError
+from tidemap.errors import DomainError
 from tidemap.services.context import Context
 from tidemap_web.pages import guard
 from tidemap_web.pages.problems import problem_page
 from tidemap_web.pages.templates import page
 from tidemap_web.viewer import colors
 from tidemap_web.viewer.client import client_page, scene_address
-from tidemap_web.viewer.messages import Message
+from tidemap_web.viewer.messages import PageMessage
 from tidemap_web.viewer.server import ViewerServer
 from tidemap_web.viewer.sockets import converse, pipe
 
@@ -33,7 +33,7 @@ def router(ctx: Context, viewer: ViewerServer) -> APIRouter:
         try:
             if turned_away := guard.redirect(request):
                 return turned_away
-        except TidemapError as error:
+        except DomainError as error:
             return problem_page(request, error)
         facts = {
             "token": secrets.token_urlsafe(18),
@@ -67,7 +67,7 @@ def router(ctx: Context, viewer: ViewerServer) -> APIRouter:
         )
 
     @routes.get("/sessions", response_model=None)
-    def sessions(request: Request) -> Response | list[Message]:
+    def sessions(request: Request) -> Response | list[PageMessage]:
         """What every open tab shows, for tests and operators."""
         return guard.refuse(request) or viewer.stats()
 

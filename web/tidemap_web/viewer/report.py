@@ -9,21 +9,21 @@ import numpy as np
 from tidemap.schemas.anomalies import Event
 from tidemap.schemas.locations import Location
 from tidemap_web.viewer.cells import index_of
-from tidemap_web.viewer.messages import Message, Wish
+from tidemap_web.viewer.messages import PageMessage, ViewRequest
 from tidemap_web.viewer.span import span
 
 if TYPE_CHECKING:
-    from tidemap_web.viewer.painter import Shown
+    from tidemap_web.viewer.painter import PaintedView
 
 
-def grids(items: list[Location]) -> Message:
+def grids(items: list[Location]) -> PageMessage:
     """The grids one can choose from."""
     return {"kind": "grids", "items": [{"name": item.name, "kind": item.kind} for item in items]}
 
 
-def location(item: Location, events: list[Event], now: float) -> Message:
+def location(item: Location, events: list[Event], now: float) -> PageMessage:
     """The chosen grid, the stretch of its timeline, and marks on it."""
-    message: Message = {
+    message: PageMessage = {
         "kind": "location",
         "name": item.name,
         "time_zone": item.time_zone,
@@ -43,7 +43,7 @@ def location(item: Location, events: list[Event], now: float) -> Message:
     return message
 
 
-def _mark(event: Event) -> Message:
+def _mark(event: Event) -> PageMessage:
     return {
         "id": event.id,
         "start": event.start,
@@ -54,7 +54,7 @@ def _mark(event: Event) -> Message:
     }
 
 
-def frame(shown: Shown, wish: Wish, selected: int | None) -> Message:
+def frame(shown: PaintedView, wish: ViewRequest, selected: int | None) -> PageMessage:
     """What is on the screen now."""
     state, picture = shown.state, shown.picture
     return {
@@ -81,7 +81,7 @@ def frame(shown: Shown, wish: Wish, selected: int | None) -> Message:
     }
 
 
-def cell(shown: Shown, number: int) -> Message | None:
+def cell(shown: PaintedView, number: int) -> PageMessage | None:
     """One cell's facts; None when it has never been observed."""
     state, grid = shown.state, shown.location.grid
     rows = np.flatnonzero(state.cell == number)
@@ -101,12 +101,12 @@ def cell(shown: Shown, number: int) -> Message | None:
     }
 
 
-def notice(reason: str, detail: str) -> Message:
+def notice(reason: str, detail: str) -> PageMessage:
     """Why there is nothing to show: no-grids, no-observations, no-model, not-found or error."""
     return {"kind": "notice", "reason": reason, "detail": detail}
 
 
-def stats(token: str, shown: Shown | None, updates: int, idle: bool) -> Message:
+def stats(token: str, shown: PaintedView | None, updates: int, idle: bool) -> PageMessage:
     """One session for GET /view/sessions; the token is shortened, for it is a secret of the tab."""
     return {
         "session": token[:6],

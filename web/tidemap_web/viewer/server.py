@@ -9,7 +9,7 @@ import viser
 
 from tidemap.services.context import Context
 from tidemap_web.viewer.inner import SHOWN_IN, InnerViser, token_of
-from tidemap_web.viewer.messages import Message
+from tidemap_web.viewer.messages import PageMessage
 from tidemap_web.viewer.news import News
 from tidemap_web.viewer.picking import Ray
 from tidemap_web.viewer.scene import Scene
@@ -63,7 +63,7 @@ class ViewerServer:
             self._viser.stop()
             self._viser = None
 
-    def open(self, token: str, publish: Callable[[Message], None]) -> Session:
+    def open(self, token: str, publish: Callable[[PageMessage], None]) -> Session:
         """A session for a tab; one with the same token before it is closed."""
         session = Session(token, self._source, publish)
         with self._lock:
@@ -86,7 +86,7 @@ class ViewerServer:
         with self._lock:
             return token in self._sessions
 
-    def stats(self) -> list[Message]:
+    def stats(self) -> list[PageMessage]:
         """All sessions in short."""
         with self._lock:
             sessions = list(self._sessions.values())

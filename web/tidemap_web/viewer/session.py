@@ -4,9 +4,9 @@ import logging
 import threading
 from collections.abc import Callable
 
-from tidemap.errors import LocationNotFoundError, NoModelError, TidemapError
+from tidemap.errors import DomainError, LocationNotFoundError, NoModelError
 from tidemap_web.viewer import report
-from tidemap_web.viewer.messages import Aim, Message, Select, Wish
+from tidemap_web.viewer.messages import Aim, PageMessage, Select, ViewRequest
 from tidemap_web.viewer.painter import Painter
 from tidemap_web.viewer.picking import Ray
 from tidemap_web.viewer.scene import Scene
@@ -22,11 +22,11 @@ class Session:
     happens on the session's own thread.
     """
 
-    def __init__(self, token: str, source: Source, publish: Callable[[Message], None]) -> None:
+    def __init__(self, token: str, source: Source, publish: Callable[[PageMessage], None]) -> None:
         self.token = token
         self._painter = Painter(source, publish)
         self._changed = threading.Condition()
-        self._wish = Wish()
+        self._wish = ViewRequest()
         self._aim: Aim | None = None
         self._select: Select | None = None
         self._arrived: Scene | None = None
@@ -40,10 +40,10 @@ class Session:
         """Begin to work."""
         self._worker.start()
 
-    def ask(self, request: Wish | Aim | Select) -> None:
+    def ask(self, request: ViewRequest | Aim | Select) -> None:
         """Take a message of the page."""
         with self._changed:
-            if isinstance(request, Wish):
+            if isinstance(request, ViewRequest):
                 self._wish = request
             elif isinstance(request, Aim):
                 self._aim = request
@@ -75,7 +75,7 @@ class Session:
             self._closed = True
             self._changed.notify_all()
 
-    def stats(self) -> Message:
+    def stats(self) -> PageMessage:
         """Facts for tests and operators."""
         with self._changed:
             idle = not (self._pending or self._busy)
@@ -97,7 +97,7 @@ class Session:
             self._busy, self._pending = not self._closed, False
             return not self._closed
 
-    def _take(self) -> tuple[Wish, bool]:
+    def _take(self) -> tuple[ViewRequest, bool]:
         """Hand what has changed to the painter; the wish, and whether there are news."""
         with self._changed:
             scene, self._arrived = self._arrived, None
@@ -108,14 +108,14 @@ class Session:
         self._painter.prepare(scene, aim, select)
         return wish, news
 
-    def _paint(self, wish: Wish, news: bool) -> None:
+    def _paint(self, wish: ViewRequest, news: bool) -> None:
         try:
             self._painter.paint(wish, news)
         except NoModelError as error:
             self._painter.blank("no-model", str(error))
         except LocationNotFoundError as error:
             self._painter.blank("not-found", str(error))
-        except TidemapError as error:
+        except DomainError as error:
             self._painter.blank("error", str(error))
         except Exception:
             _log.exception("viewer session %s failed", self.token[:6])

@@ -11,29 +11,29 @@ from websockets.exceptions import ConnectionClosed, WebSocketException
 from websockets.typing import Subprotocol
 
 from tidemap.api.auth import ENDED, until_ended
-from tidemap_web.viewer.messages import Message, parse
+from tidemap_web.viewer.messages import PageMessage, parse
 from tidemap_web.viewer.server import ViewerServer
 
 
-class Outbox:
+class SendQueue:
     """Messages on their way to a page; the newest of a kind replaces one that has not left yet."""
 
     def __init__(self) -> None:
         self._loop = asyncio.get_running_loop()
-        self._waiting: dict[str, Message] = {}
+        self._waiting: dict[str, PageMessage] = {}
         self._filled = asyncio.Event()
 
-    def put(self, message: Message) -> None:
+    def put(self, message: PageMessage) -> None:
         """Leave a message; from any thread, never waits."""
         with contextlib.suppress(RuntimeError):  # the loop has closed: nobody is left to read
             self._loop.call_soon_threadsafe(self._keep, message)
 
-    def _keep(self, message: Message) -> None:
+    def _keep(self, message: PageMessage) -> None:
         self._waiting.pop(message["kind"], None)
         self._waiting[message["kind"]] = message
         self._filled.set()
 
-    async def taken(self) -> AsyncIterator[Message]:
+    async def taken(self) -> AsyncIterator[PageMessage]:
         """Messages in the order they came, for ever."""
         while True:
             await self._filled.wait()
@@ -44,7 +44,7 @@ class Outbox:
 
 async def converse(socket: WebSocket, viewer: ViewerServer, token: str) -> None:
     """Run a session for as long as its page stays."""
-    outbox = Outbox()
+    outbox = SendQueue()
     session = viewer.open(token, outbox.put)
 
     async def speak() -> None:

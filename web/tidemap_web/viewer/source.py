@@ -13,7 +13,7 @@ from tidemap_web.viewer.cells import StateArrays
 MARKS = 500
 
 
-class State(StateArrays, Protocol):
+class ViewedState(StateArrays, Protocol):
     """A state at a time with what it was computed from."""
 
     @property
@@ -47,7 +47,7 @@ class Source(Protocol):
     def grid(self, name: str) -> Location:
         """One of them. Raises LocationNotFoundError."""
 
-    def state(self, question: Question) -> State:
+    def state(self, question: Question) -> ViewedState:
         """Raises NoModelError before the first revision."""
 
     def events(self, name: str, start: float) -> list[Event]:
@@ -75,7 +75,7 @@ class Services:
             raise LocationNotFoundError(name)
         return location
 
-    def state(self, question: Question) -> State:
+    def state(self, question: Question) -> ViewedState:
         """The state at a time."""
         query = predict.StateQuery(
             time=question.time,

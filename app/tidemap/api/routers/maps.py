@@ -53,7 +53,7 @@ def _answers(model: Any, *binary: str) -> dict[int | str, dict[str, Any]]:
     return {200: {"model": model, "content": content}}
 
 
-@router.get("/state", responses={**_answers(maps.State, ARROW, NPY), 304: {}}, response_class=Response)
+@router.get("/state", responses={**_answers(maps.StateAnswer, ARROW, NPY), 304: {}}, response_class=Response)
 async def state(
     name: str,
     request: Request,
@@ -102,7 +102,10 @@ def _box(text: str | None) -> tuple[float, ...] | None:
 
 
 @router.post(
-    "/predict", responses=_answers(maps.Prediction), response_class=Response, openapi_extra=form_body(maps.PredictForm)
+    "/predict",
+    responses=_answers(maps.PredictionAnswer),
+    response_class=Response,
+    openapi_extra=form_body(maps.PredictForm),
 )
 async def predict(name: str, request: Request, ctx: Ctx, _: Operator) -> Response:
     """Probability, state and entropy for many times."""
@@ -111,7 +114,7 @@ async def predict(name: str, request: Request, ctx: Ctx, _: Operator) -> Respons
     return await answered(request, lambda check: encode_prediction(predict_at(ctx, name, query, check)))
 
 
-@router.get("/series", responses=_answers(maps.Series), response_class=Response)
+@router.get("/series", responses=_answers(maps.SeriesAnswer), response_class=Response)
 async def series_of(
     name: str,
     request: Request,

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 from tidemap.client.retry import RetryPolicy
 
-LONGEST_ASKED_S = 900.0
+MAX_ASKED_S = 900.0
 """A server that asks for a longer pause (Retry-After) is asked again after this one."""
 ALL = ""
 
 
 @dataclass
 class Rest:
-    """A pause until `until`, of which the server has asked for the part until `asked` (both of the clock)."""
+    """A pause until `until`; the server has asked for the part until `asked` (both of the clock)."""
 
     pauses: Iterator[float]
     until: float = -math.inf
@@ -32,7 +32,7 @@ class Backoff:
     def failed(self, path: str, asked_s: float | None) -> None:
         """Nothing is sent to the location at `path` (ALL: to any) for a pause, or as long as the server asked."""
         rest = self._backoff.setdefault(path, Rest(self._retry.pauses()))
-        rest.asked = self._clock() + min(asked_s or 0.0, LONGEST_ASKED_S)
+        rest.asked = self._clock() + min(asked_s or 0.0, MAX_ASKED_S)
         rest.until = max(self._clock() + next(rest.pauses), rest.asked)
 
     def answered(self, path: str) -> None:

@@ -10,8 +10,8 @@ from typing import TypeAlias
 from tidemap.client.errors import OutboxError
 from tidemap.client.outbox.file import prepare
 from tidemap.client.outbox.sender import Sender
-from tidemap.client.outbox.store import Pending, Refused, Store
-from tidemap.client.posting import Post, Queued
+from tidemap.client.outbox.store import OutboxStore, Pending, Refused
+from tidemap.client.posting import Postable, Queued
 from tidemap.client.requests import path_of
 from tidemap.client.retry import RetryPolicy
 from tidemap.client.transport import Server
@@ -33,15 +33,15 @@ class Outbox:
         self.most_bytes = most_bytes
         self._sender = sender
         self._closed = threading.Event()
-        self._store = Store(path, durable=True)
+        self._store = OutboxStore(path, durable=True)
         # Reads wait for no write of another thread to reach the disk.
-        self._reader = Store(path, durable=True)
+        self._reader = OutboxStore(path, durable=True)
         sender.start()
 
     def __repr__(self) -> str:
         return f"Outbox({str(self.path)!r})"
 
-    def put(self, post: Post) -> Queued:
+    def put(self, post: Postable) -> Queued:
         """Keep all measurements of a post, durably. Raises OutboxFullError, or OutboxError, and keeps none then."""
         queued = self._store.put(post.batches(), self.most_bytes)
         self._sender.wake()

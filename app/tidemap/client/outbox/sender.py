@@ -11,7 +11,7 @@ from tidemap.client.errors import OutboxError, TidemapError
 from tidemap.client.outbox.backoff import ALL, Backoff
 from tidemap.client.outbox.lock import SenderLock
 from tidemap.client.outbox.outcome import SendOutcome, Verdict, judge, words
-from tidemap.client.outbox.store import Kept, Store
+from tidemap.client.outbox.store import Kept, OutboxStore
 from tidemap.client.retry import RetryPolicy
 from tidemap.client.transport import Server
 
@@ -73,7 +73,7 @@ class Sender:
         server = self._server
         with (
             closing(SenderLock(self._path)) as lock,
-            closing(Store(self._path, durable=False)) as store,
+            closing(OutboxStore(self._path, durable=False)) as store,
             server.open(httpx.Client, self._timeout) as http,
         ):
             store.tidy()
@@ -81,7 +81,7 @@ class Sender:
                 self._woken.wait(self._step(lock, store, http))
                 self._woken.clear()
 
-    def _step(self, lock: SenderLock, store: Store, http: httpx.Client) -> float:
+    def _step(self, lock: SenderLock, store: OutboxStore, http: httpx.Client) -> float:
         """Send the next batch if there is one to send now. Seconds until there is sense in another step."""
         if self._hurried.is_set():
             self._hurried.clear()
@@ -108,7 +108,7 @@ class Sender:
         except httpx.RequestError as error:
             return judge(path, error)
 
-    def _decide(self, store: Store, kept: Kept, verdict: Verdict) -> None:
+    def _decide(self, store: OutboxStore, kept: Kept, verdict: Verdict) -> None:
         path, error = kept.batch.path, verdict.error
         if error is None:
             store.sent(kept.id)

@@ -65,7 +65,7 @@ class Refused:
     error: str
 
 
-class Store:
+class OutboxStore:
     """The batches of the outbox at `path`. May be shared between threads; others may have it open too.
 
     `durable`: a change is on the disk when the call returns. Otherwise a power cut may undo the last changes,

@@ -17,7 +17,7 @@ _COLUMNS = tuple(field.name for field in fields(AnomalyRecord) if field.name != 
 
 
 @dataclass(frozen=True)
-class EventFilter:
+class AnomalyFilter:
     """Which events; None leaves a condition out. Times overlap [start, stop)."""
 
     location_id: int | None = None
@@ -29,7 +29,7 @@ class EventFilter:
     acknowledged: bool | None = None
 
 
-class Anomalies:
+class AnomalyRepository:
     """Events in the order in which they were committed, which is that of their ids."""
 
     def __init__(self, connection: Connection) -> None:
@@ -44,7 +44,7 @@ class Anomalies:
         self._connection.execute(insert(anomaly), [_row(record) for record in numbered])
         return numbered
 
-    def list(self, wanted: EventFilter) -> list[AnomalyRecord]:
+    def list(self, wanted: AnomalyFilter) -> list[AnomalyRecord]:
         """Oldest first."""
         query = _query(wanted).order_by(anomaly.c.id).limit(wanted.limit)
         return [_record(row) for row in self._connection.execute(query).mappings()]
@@ -67,7 +67,7 @@ class Anomalies:
         return self.get(anomaly_id)
 
 
-def _query(wanted: EventFilter) -> Select[Any]:
+def _query(wanted: AnomalyFilter) -> Select[Any]:
     query = select(anomaly)
     conditions = (
         (wanted.location_id, lambda value: anomaly.c.location_id == value),

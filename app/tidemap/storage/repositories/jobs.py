@@ -20,7 +20,7 @@ _ROWS = select(job, location_table.c.name.label("location")).join(
 _QUEUED = select(job.c.id).where(job.c.state == "queued").limit(1)
 
 
-class Jobs:
+class JobRepository:
     """Jobs in the order in which they were asked for."""
 
     def __init__(self, connection: Connection) -> None:

@@ -19,7 +19,7 @@ _BY_SESSION = (
 _ANY = select(api_key.c.id).limit(1)
 
 
-class Keys:
+class KeyRepository:
     """Keys by the hash of their secret."""
 
     def __init__(self, connection: Connection) -> None:

@@ -11,12 +11,12 @@ from tidemap.storage.records import LocationRecord
 from tidemap.storage.tables import anomaly
 from tidemap.storage.tables import location as location_table
 
-# Built once: every request asks the one, and whoever reads history asks the other for every chunk.
+# Built once: every request asks the one, and every reader of history asks the other for every chunk.
 _BY_NAME = select(location_table).where(location_table.c.name == bindparam("name"))
 _BY_ID = select(location_table).where(location_table.c.id == bindparam("id"))
 
 
-class Locations:
+class LocationRepository:
     """Locations by name."""
 
     def __init__(self, connection: Connection) -> None:

@@ -55,7 +55,7 @@ class Tail:
     damage: dict[int, CorruptChunkError]
 
 
-class Observations:
+class ObservationRepository:
     """The log of locations: what was posted, and of it the tail that is not compacted yet."""
 
     def __init__(self, connection: Connection) -> None:

@@ -18,7 +18,7 @@ SegmentKey = tuple[int, int]
 """(chunk, segment); chunk -1 - n holds what came in for chunk n while its own segment was damaged."""
 
 
-class Segments:
+class SegmentRepository:
     """The compacted history of locations."""
 
     def __init__(self, connection: Connection) -> None:

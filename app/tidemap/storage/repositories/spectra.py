@@ -19,7 +19,7 @@ _CHUNK = select(spectrum.c.payload).where(
 """Built once: loading a large location asks it a thousand times."""
 
 
-class Spectra:
+class SpectrumRepository:
     """Spectra by location and revision. A revision is visible once `publish` names it in the location."""
 
     def __init__(self, connection: Connection) -> None:
