@@ -95,8 +95,8 @@ class Senders:
 class Limits:
     """The rates of a server: requests by key, or by address where none is needed; wrong keys by address.
 
-    A key that was right lately is looked up however many wrong ones come from its address: a client that guesses, or goes
-    on sending a revoked key, locks out nobody who works beside.
+    A key that was right lately is looked up however many wrong ones come from its address: a client that guesses, or
+    that goes on sending a revoked key, locks out nobody beside it.
     """
 
     requests: Rate
