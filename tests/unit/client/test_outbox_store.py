@@ -372,7 +372,7 @@ from pathlib import Path
 from tidemap.client import OutboxError
 from tidemap.client.outbox.store import PAGE_BYTES, Store
 from tests.unit.client.test_outbox_store import batch
-store = Store(Path({str(path)!r}), durable=True)
+store = OutboxStore(Path({str(path)!r}), durable=True)
 store.put([batch(content=bytes(100_000))], 1 << 30)
 resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000))
 try:
@@ -410,7 +410,7 @@ from tests.unit.client.test_outbox_store import batch
 path = Path({str(tmp_path / "outbox.db")!r})
 input()
 prepare(path)
-store = Store(path, durable=True)
+store = OutboxStore(path, durable=True)
 for _ in range(20):
     store.put([batch(), batch()], 1 << 20)
 """
