@@ -370,7 +370,7 @@ def test_a_disk_that_takes_no_more_in_the_midst_of_a_put(path: Path) -> None:
 import resource
 from pathlib import Path
 from tidemap.client import OutboxError
-from tidemap.client.outbox.store import PAGE_BYTES, Store
+from tidemap.client.outbox.store import PAGE_BYTES, OutboxStore
 from tests.unit.client.test_outbox_store import batch
 store = OutboxStore(Path({str(path)!r}), durable=True)
 store.put([batch(content=bytes(100_000))], 1 << 30)
@@ -405,7 +405,7 @@ def test_processes_that_open_a_new_outbox_at_once_make_one(tmp_path: Path) -> No
     code = f"""
 from pathlib import Path
 from tidemap.client.outbox.file import prepare
-from tidemap.client.outbox.store import PAGE_BYTES, Store
+from tidemap.client.outbox.store import PAGE_BYTES, OutboxStore
 from tests.unit.client.test_outbox_store import batch
 path = Path({str(tmp_path / "outbox.db")!r})
 input()
