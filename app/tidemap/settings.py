@@ -8,6 +8,8 @@ from urllib.parse import quote
 from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from tidemap.media_types import JSON
+
 
 def is_loopback(host: str) -> bool:
     """Whether only this machine reaches the address.
@@ -23,7 +25,6 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-JSON = "application/json"
 DAY_S = 86400.0
 WEEK_S = 7 * DAY_S
 

@@ -10,7 +10,7 @@ from sqlalchemy import text
 
 from tests.api.house import NOW, Api, done, open_house, problem
 from tidemap.client import answers
-from tidemap.formats.arrow import ARROW
+from tidemap.media_types import ARROW
 from tidemap.storage.engine import open_writer
 
 

@@ -18,8 +18,10 @@ from hypothesis.extra.numpy import boolean_dtypes, floating_dtypes, integer_dtyp
 
 from tests.api.house import HOUR, NOW, arrow, npy, npy_file, problem
 from tests.api.refusals import DOOR, LAB, Untouched
+from tests.support.parsing import Target, parse
 from tidemap.errors import InvalidInputError, UnreadableBodyError
-from tidemap.ingest.observation import ARROW, JSON, NPY, Body, Target, parse
+from tidemap.formats.registry import Body
+from tidemap.media_types import ARROW, JSON, NPY
 from tidemap.space.grid import SINGLE, GridGeometry
 
 TARGETS = {

@@ -12,7 +12,7 @@ from tests.bench.load import Target, floor_server, request
 from tests.bench.timing import Figure, quantile
 from tests.support.contexts import Clock, opened
 from tests.support.server import ServerProcess
-from tidemap.ingest.observation import ARROW
+from tidemap.media_types import ARROW
 
 CONNECTIONS, POSTS, ROUNDS = 16, 400, 5
 PATH = f"/api/v1/locations/{lab.NAME}/observations"

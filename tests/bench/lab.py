@@ -4,8 +4,10 @@ import time
 
 import numpy as np
 
-from tidemap.client.encoding import arrow, look
-from tidemap.ingest.observation import ARROW, Body
+from tidemap.client import arrow
+from tidemap.client.encoding import look
+from tidemap.formats.registry import Body
+from tidemap.media_types import ARROW
 from tidemap.schemas.locations import LocationForm
 from tidemap.services.context import Context
 from tidemap.services.locations import create_location, find_location
@@ -29,7 +31,7 @@ def seen(time_s: float) -> bytes:
     random = np.random.default_rng(int(time_s))
     rows = np.sort(random.choice(CELLS.size, N_SEEN, replace=False))
     occupied = _occupied(time_s)[rows] ^ (random.random(N_SEEN) < NOISE)
-    return arrow(look(time_s, CELLS[rows[occupied]], CELLS[rows[~occupied]]))
+    return arrow.write(look(time_s, CELLS[rows[occupied]], CELLS[rows[~occupied]]).named())
 
 
 def bodies(count: int, before_s: float) -> list[bytes]:

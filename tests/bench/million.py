@@ -6,10 +6,12 @@ from math import prod
 
 import numpy as np
 
-from tidemap.client.encoding import arrow, look
+from tidemap.client import arrow
+from tidemap.client.encoding import look
+from tidemap.formats.registry import Body
 from tidemap.history.history import History
 from tidemap.history.segment import SEGMENT_SAMPLES, Segment
-from tidemap.ingest.observation import ARROW, Body
+from tidemap.media_types import ARROW
 from tidemap.schemas.locations import LocationForm
 from tidemap.services.context import Context
 from tidemap.services.locations import create_location, find_location
@@ -33,7 +35,7 @@ def make(ctx: Context, shape: tuple[int, ...] = SHAPE, estimator: str = "auto") 
     for some in _groups(_segments(prod(shape)), 32):
         ctx.store.write(lambda work, some=some: work.segments.put(location, some))
     for time in (TIME[0], TIME[-1]):
-        observe(ctx, NAME, Post(Body(arrow(look(time, np.zeros(0, np.uint32), np.array([1]))), ARROW)))
+        observe(ctx, NAME, Post(Body(arrow.write(look(time, np.zeros(0, np.uint32), np.array([1])).named()), ARROW)))
 
 
 def _segments(n_cells: int) -> Iterator[tuple[SegmentKey, bytes]]:

@@ -7,7 +7,9 @@ from tests.bench import lab
 from tests.bench.databases import OpenDatabase, OpenRaw
 from tests.bench.timing import Figure, interleaved
 from tests.support.contexts import Clock, opened
-from tidemap.ingest.observation import ARROW, Body, Target, parse
+from tests.support.parsing import Target, parse
+from tidemap.formats.registry import Body
+from tidemap.media_types import ARROW
 from tidemap.services.context import Context
 from tidemap.services.observe import begin
 from tidemap.services.posts import Post

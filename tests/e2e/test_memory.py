@@ -10,7 +10,7 @@ import pytest
 from tests.api.house import ARROW, arrow
 from tests.support.memory import peak_memory_mb
 from tests.support.server import StartServer
-from tidemap.ingest.observation import COST
+from tidemap.formats.registry import READERS
 
 CLIENTS = 16
 MEASUREMENTS = 1_200_000
@@ -50,7 +50,7 @@ def test_many_large_posts_at_once(server: StartServer) -> None:
         taken = peak_memory_mb(running.process.pid) - before
         assert http.get("/locations/lab").json()["observations"] == CLIENTS * MEASUREMENTS
     body_mb = len(bodies[0]) / 1e6
-    bound = BUDGET_MB + COST[ARROW] * body_mb + SLACK_MB
+    bound = BUDGET_MB + READERS[ARROW].cost * body_mb + SLACK_MB
     assert bound < CLIENTS * body_mb + SLACK_MB, "or the bodies alone would be within it"
     assert taken < bound
 

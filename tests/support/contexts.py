@@ -7,10 +7,11 @@ from typing import Any, TypeVar
 import numpy as np
 
 from tests.support.truth import Row, measurements_of
-from tidemap.formats.arrow import encode_table
+from tidemap.formats.arrow import write
+from tidemap.formats.registry import Body
 from tidemap.history.history import History
 from tidemap.history.measurements import Measurements
-from tidemap.ingest.observation import ARROW, Body
+from tidemap.media_types import ARROW
 from tidemap.schemas.locations import Location, LocationForm
 from tidemap.services.compaction import compact
 from tidemap.services.context import Context, open_context
@@ -88,7 +89,7 @@ def arrow(measurements: Measurements, kind: str = "grid3d") -> Body:
     columns = {"time": measurements.time, "cell": measurements.cell, "state": measurements.state}
     if kind == "state":
         del columns["cell"]
-    return Body(bytes(encode_table(columns, {})), ARROW)
+    return Body(bytes(write({}, columns)), ARROW)
 
 
 def post_rows(ctx: Context, name: str, rows: Iterable[Row], **post: Any) -> Observed:

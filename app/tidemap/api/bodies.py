@@ -17,6 +17,7 @@ from tidemap.api.budget import Share
 from tidemap.api.parameters import StrictRoute
 from tidemap.api.state import state_of
 from tidemap.errors import BodyStalledError, BodyTooLargeError, UnreadableBodyError, UnsupportedMediaTypeError
+from tidemap.media_types import JSON
 
 LINGER_S = 10.0
 STALL_S = 30.0
@@ -163,8 +164,8 @@ class FormRoute(StrictRoute):
 def check_json(request: Request) -> None:
     """Raises UnsupportedMediaTypeError where the body is not said to be JSON."""
     media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
-    if media_type != "application/json":
-        raise UnsupportedMediaTypeError(f"Content-Type {media_type!r} is not read here; send application/json.")
+    if media_type != JSON:
+        raise UnsupportedMediaTypeError(f"Content-Type {media_type!r} is not read here; send {JSON}.")
 
 
 def _receiver(content: bytearray, after: Receive) -> Receive:

@@ -10,7 +10,7 @@ from tidemap.api.bodies import read_body
 from tidemap.api.budget import Share
 from tidemap.api.state import state_of
 from tidemap.errors import InvalidInputError
-from tidemap.ingest.observation import Body
+from tidemap.formats.registry import Body
 from tidemap.schemas.common import Text, parse_time
 from tidemap.services.context import Context
 from tidemap.services.keys import Principal

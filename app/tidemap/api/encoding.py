@@ -1,7 +1,6 @@
 """Large answers from arrays: JSON, Arrow or npy, without a Python object per cell."""
 
 import hashlib
-import io
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -11,18 +10,18 @@ from numpy.typing import NDArray
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
-from tidemap.api.json_parts import Mapped, json_parts
-from tidemap.formats.arrow import ARROW, encode_table, labels, nullable
+from tidemap.formats import json_columns
+from tidemap.formats.npy import write_grid
+from tidemap.formats.registry import WRITERS
+from tidemap.formats.table import Column, Labels, Nullable
 from tidemap.history.history import UNOBSERVED
+from tidemap.media_types import ARROW, JSON, NPY
 from tidemap.schemas.common import iso
 from tidemap.services.buffer_pool import BufferLease
 from tidemap.services.predict import PredictionView, StateFacts, StateView
 from tidemap.services.series import SeriesView
 from tidemap.services.state_buffer import StateBuffer
 from tidemap.spectral.prediction import VERDICTS
-
-JSON = "application/json"
-NPY = "application/x-npy"
 
 
 def preferred(request: Request, offered: tuple[str, ...]) -> str:
@@ -67,27 +66,14 @@ def encode_sheet(facts: StateFacts, loan: BufferLease[StateBuffer]) -> Response:
 
 def encode_grid(facts: StateFacts, grid: NDArray[np.float32]) -> Response:
     """A dense grid of probabilities in npy."""
-    head = io.BytesIO()
-    np.lib.format.write_array_header_1_0(head, np.lib.format.header_data_from_array_1_0(grid))
-    response = Parts((head.getvalue(), grid.reshape(-1).view(np.uint8).data), NPY)
+    response = Parts(write_grid(grid), NPY)
     response.headers["Tidemap-Revision"] = str(facts.revision)
     return response
 
 
 def encode_state(view: StateView, media_type: str) -> Response:
-    """The answer to a question for one time, in Arrow or JSON."""
-    if media_type == ARROW:
-        return Response(encode_table(_state_columns(view), _state_facts(view)), media_type=ARROW)
-    columns: dict[str, Any] = {
-        "cell": view.cell,
-        "probability": view.probability,
-        "state": view.state,
-        "verdict": Mapped(view.verdict, verdicts),
-    }
-    if view.observed is not None and view.observed_time is not None:
-        columns["observed"] = Mapped(view.observed, nulls)
-        columns["observed_time"] = view.observed_time
-    return Parts(json_parts({**_state_facts(view), **columns}), JSON)
+    """The answer to a question for one time, in one of `WRITERS`."""
+    return Parts(WRITERS[media_type](_state_facts(view), _state_columns(view)), media_type)
 
 
 def _state_facts(view: StateFacts) -> dict[str, Any]:
@@ -102,29 +88,21 @@ def _state_facts(view: StateFacts) -> dict[str, Any]:
     }
 
 
-def _state_columns(view: StateView) -> dict[str, Any]:
-    columns: dict[str, Any] = {
+def _state_columns(view: StateView) -> dict[str, Column]:
+    columns: dict[str, Column] = {
         "cell": view.cell.astype(np.uint32),
         "probability": view.probability,
         "state": view.state,
-        "verdict": labels(view.verdict, VERDICTS),
+        "verdict": Labels(view.verdict, VERDICTS),
     }
     if view.observed is not None and view.observed_time is not None:
-        columns["observed"] = nullable(view.observed, view.observed == UNOBSERVED)
-        columns["observed_time"] = nullable(view.observed_time, np.isnan(view.observed_time))
+        columns["observed"] = _states(view.observed)
+        columns["observed_time"] = Nullable(view.observed_time, np.isnan(view.observed_time))
     return columns
 
 
-def nulls(states: NDArray[np.uint8]) -> Any:
-    """Nested lists of states, None where unknown."""
-    values: NDArray[np.object_] = states.astype(object)
-    values[states == UNOBSERVED] = None
-    return values.tolist()
-
-
-def verdicts(codes: NDArray[np.uint8]) -> Any:
-    """The words of verdicts."""
-    return np.array(VERDICTS, object)[codes].tolist()
+def _states(states: NDArray[np.uint8]) -> Nullable:
+    return Nullable(states, states == UNOBSERVED)
 
 
 def encode_prediction(view: PredictionView) -> Response:
@@ -134,12 +112,12 @@ def encode_prediction(view: PredictionView) -> Response:
         "cell": view.cell,
         "confidence": view.confidence,
         "probability": view.probability,
-        "state": Mapped(view.state, nulls),
+        "state": _states(view.state),
         "entropy": view.entropy,
         "revision": view.revision,
         "unavailable": view.unavailable,
     }
-    return Parts(json_parts(content), JSON)
+    return Parts(json_columns.write(content), JSON)
 
 
 def encode_series(view: SeriesView) -> Response:
@@ -148,8 +126,8 @@ def encode_series(view: SeriesView) -> Response:
         "cell": view.cell,
         "time": view.time,
         "probability": view.probability,
-        "state": Mapped(view.state, nulls),
-        "observed": Mapped(view.observed, nulls),
+        "state": _states(view.state),
+        "observed": _states(view.observed),
         "revision": view.revision,
     }
-    return Parts(json_parts(content), JSON)
+    return Parts(json_columns.write(content), JSON)

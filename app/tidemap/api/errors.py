@@ -14,10 +14,10 @@ from starlette.routing import Match, Mount
 
 from tidemap import errors
 from tidemap.api.state import state_of
+from tidemap.media_types import PROBLEM
 from tidemap.schemas.common import Problem, ProblemField
 
 log = logging.getLogger(__name__)
-MEDIA_TYPE = "application/problem+json"
 
 STATUS: Mapping[type[Exception], int] = {
     errors.NotFoundError: 404,
@@ -46,7 +46,7 @@ def look_up(table: Mapping[type[Exception], int], error: Exception, default: int
 def problem_response(status: int, problem: Problem, headers: Mapping[str, str] | None = None) -> Response:
     """The response of a problem document."""
     content = orjson.dumps(problem.model_dump(exclude_none=True))
-    return Response(content, status, headers, media_type=MEDIA_TYPE)
+    return Response(content, status, headers, media_type=PROBLEM)
 
 
 def install(app: FastAPI) -> None:

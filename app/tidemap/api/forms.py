@@ -11,9 +11,9 @@ from starlette.requests import Request
 from tidemap.api.bodies import check_json, read_body
 from tidemap.api.state import state_of
 from tidemap.errors import InvalidInputError
-from tidemap.json_text import PIECE_BYTES, fields_of, list_parts, parsed
+from tidemap.formats.json_columns.text import PIECE_BYTES, fields_of, list_parts, parsed
+from tidemap.media_types import JSON
 from tidemap.schemas.common import Form
-from tidemap.settings import JSON
 
 Filled = TypeVar("Filled", bound=Form)
 COLUMN_COST = 24

@@ -13,6 +13,7 @@ from tidemap.api.limits import Limits, Senders
 from tidemap.api.metrics import RequestMetrics, count_refused, make_registry
 from tidemap.api.routers import anomalies, health, jobs, keys, locations, maps, observations
 from tidemap.api.state import AppState
+from tidemap.media_types import PROBLEM
 from tidemap.schemas.common import Problem
 from tidemap.schemas.maps import EvaluateForm, PredictForm
 from tidemap.schemas.observations import GridObservations, StateObservations
@@ -114,7 +115,7 @@ def _problem(status: int, reason: str) -> dict[str, Any]:
     schema = {"$ref": "#/components/schemas/Problem"}
     answer: dict[str, Any] = {
         "description": reason,
-        "content": {errors.MEDIA_TYPE: {"schema": schema, "example": example}},
+        "content": {PROBLEM: {"schema": schema, "example": example}},
     }
     if status in _HEADERS:
         answer["headers"] = {_HEADERS[status]: {"schema": {"type": "string"}}}

@@ -8,8 +8,8 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.client.encoding import ARROW
-from tidemap.client.optional import pa
+from tidemap.client import arrow
+from tidemap.media_types import ARROW
 from tidemap.schemas.common import parse_time
 
 UNKNOWN = -1
@@ -115,7 +115,7 @@ def series(content: bytes) -> Series:
 
 def state(content: bytes, media_type: str) -> State:
     """The answer of `/state`, an Arrow IPC stream or JSON."""
-    return _state(*(_arrow_columns(content) if media_type == ARROW else _json_columns(content)))
+    return _state(*(arrow.read(content) if media_type == ARROW else _json_columns(content)))
 
 
 def _state(said: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> State:
@@ -134,15 +134,6 @@ def _state(said: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> Stat
         observed=_numbers(columns["observed"], np.int8) if "observed" in columns else None,
         observed_time=_numbers(columns["observed_time"], np.float64) if "observed_time" in columns else None,
     )
-
-
-def _arrow_columns(content: bytes) -> tuple[Any, dict[str, NDArray[Any]]]:
-    """What the schema carries as JSON under `tidemap`, and the columns."""
-    with pa.ipc.open_stream(pa.py_buffer(content)) as stream:
-        table = stream.read_all()
-    texts = {"verdict": _texts(table.column("verdict"))}
-    numbers = {name: table.column(name).to_numpy() for name in table.column_names if name not in texts}
-    return json.loads(table.schema.metadata[b"tidemap"]), numbers | texts
 
 
 def _json_columns(content: bytes) -> tuple[Any, dict[str, NDArray[Any]]]:
@@ -171,13 +162,3 @@ def _numbers(values: NDArray[Any], dtype: type[np.number[Any]]) -> NDArray[Any]:
     if values.dtype.kind == "f" and not np.issubdtype(dtype, np.floating):
         values = np.nan_to_num(values, nan=UNKNOWN)
     return values.astype(dtype, copy=False)
-
-
-def _texts(column: Any) -> NDArray[np.str_]:
-    """A column of few different texts, plain or dictionary-encoded."""
-    array = column.combine_chunks()
-    if not pa.types.is_dictionary(array.type):
-        array = array.dictionary_encode()
-    words = np.array(array.dictionary.to_pylist() or [""], np.str_)
-    chosen: NDArray[np.str_] = words[array.indices.to_numpy(zero_copy_only=False).astype(np.int64)]
-    return chosen

@@ -1,6 +1,5 @@
 """Measurements as bytes: batches of columns, each a table, or JSON where cells are rows of indices."""
 
-import io
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -9,11 +8,10 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.client.optional import pa
+from tidemap.client import arrow, npy
 from tidemap.client.times import TimesLike, is_single, unix_array
+from tidemap.media_types import ARROW, NPY
 
-ARROW = "application/vnd.apache.arrow.stream"
-NPY = "application/x-npy"
 MEASUREMENTS_PER_POST = 200_000
 """2.6 MB a post: small enough to try again, large enough that the request itself costs nothing."""
 
@@ -79,25 +77,8 @@ def batches(columns: PostedColumns, most: int = MEASUREMENTS_PER_POST) -> Iterat
 
 def table(columns: PostedColumns) -> tuple[str, bytes]:
     """The columns as bytes of a media type: an Arrow IPC stream, or npy where pyarrow is not installed."""
-    return (NPY, rows(columns)) if pa is None else (ARROW, arrow(columns))
-
-
-def arrow(columns: PostedColumns) -> bytes:
-    """An Arrow IPC stream of the columns. Needs pyarrow."""
-    batch = pa.RecordBatch.from_pydict({name: pa.array(column) for name, column in columns.named().items()})
-    sink = pa.BufferOutputStream()
-    with pa.ipc.new_stream(sink, batch.schema) as stream:
-        stream.write_batch(batch)
-    return bytes(sink.getvalue())
-
-
-def rows(columns: PostedColumns) -> bytes:
-    """An npy file with one row a measurement, its fields the columns."""
     named = columns.named()
-    table = np.empty(len(columns), [(name, column.dtype) for name, column in named.items()])
-    for name, column in named.items():
-        table[name] = column
-    return npy(table)
+    return (NPY, npy.write_rows(named)) if arrow.pa is None else (ARROW, arrow.write(named))
 
 
 def looks(columns: PostedColumns, rows: NDArray[np.int64]) -> bytes:
@@ -115,13 +96,6 @@ def looks(columns: PostedColumns, rows: NDArray[np.int64]) -> bytes:
         if len(time)
     ]
     return json.dumps({"observations": observations}, separators=(",", ":")).encode()
-
-
-def npy(array: NDArray[Any]) -> bytes:
-    """An npy file."""
-    sink = io.BytesIO()
-    np.save(sink, array)
-    return sink.getvalue()
 
 
 def tristate(states: Any) -> NDArray[np.int8]:

@@ -7,14 +7,15 @@ import numpy as np
 
 from tidemap.client import answers
 from tidemap.client.administration import AnomalyOperations
-from tidemap.client.encoding import ARROW, Numbers
+from tidemap.client.arrow import pa
+from tidemap.client.encoding import Numbers
 from tidemap.client.operation import operation, posting
-from tidemap.client.optional import pa
 from tidemap.client.plans import Plan, Request, ask
 from tidemap.client.posting import Postable, observation, sighting, whole
-from tidemap.client.requests import JSON, given, name_of, path_of, post, send
+from tidemap.client.requests import given, name_of, path_of, post, send
 from tidemap.client.times import TimeLike, TimesLike, unix, unix_array
 from tidemap.client.waiting import ended, until, wait_s
+from tidemap.media_types import ARROW, JSON
 from tidemap.schemas.anomalies import Events, Rule
 from tidemap.schemas.jobs import Job
 from tidemap.schemas.locations import EstimatorChoice, EstimatorName, Location, OrderChoice

@@ -8,21 +8,21 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from tidemap.client import npy
 from tidemap.client.encoding import (
-    NPY,
     PostedColumns,
     batches,
     indices,
     look,
     looks,
     measurements,
-    npy,
     table,
     tristate,
 )
 from tidemap.client.plans import Plan, Request, Scalar, ask
-from tidemap.client.requests import JSON, given
+from tidemap.client.requests import given
 from tidemap.client.times import TimeLike, TimesLike, unix
+from tidemap.media_types import JSON, NPY
 from tidemap.schemas.observations import Accepted
 
 
@@ -80,7 +80,7 @@ class GridPost:
     def batches(self) -> Iterator[Batch]:
         """One, for the array must be whole: the server compares its shape."""
         query = given(source=self.source, time=self.time)
-        yield Batch(self.path, query, NPY, npy(self.states), self.key, int(np.count_nonzero(self.states >= 0)))
+        yield Batch(self.path, query, NPY, npy.write(self.states), self.key, int(np.count_nonzero(self.states >= 0)))
 
     def plan(self) -> Plan[Accepted]:
         """Post it."""

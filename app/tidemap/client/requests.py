@@ -7,8 +7,7 @@ from urllib.parse import quote, unquote
 
 from tidemap.client.plans import Request, Scalar
 from tidemap.client.times import unix
-
-JSON = "application/json"
+from tidemap.media_types import JSON
 
 
 def given(**parameters: Any) -> dict[str, Any]:

@@ -1,6 +1,7 @@
-"""Arrow IPC streams of answers."""
+"""Arrow IPC streams: observations with the columns `time`, `cell` (not for kind `state`) and `state`, and answers."""
 
 import json
+import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -9,16 +10,120 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-ARROW = "application/vnd.apache.arrow.stream"
+from tidemap.errors import FieldError, InvalidInputError, UnreadableBodyError
+from tidemap.formats.table import Column, Labels, Nullable
+from tidemap.history.columns import Columns, Content, Integers, misnamed, of_table
+from tidemap.space.grid import GridGeometry
 
 
-def encode_table(columns: Mapping[str, Any], metadata: Mapping[str, Any]) -> memoryview:
-    """An IPC stream of equally long columns; `metadata` goes into the schema as JSON under `tidemap`."""
-    table = pa.table(dict(columns)).replace_schema_metadata(_facts(metadata))
+def read(content: Content, kind: str, grid: GridGeometry) -> Columns:
+    """Columns of an Arrow IPC stream. Raises UnreadableBodyError, InvalidInputError."""
+    del grid
+    table = _load(content, kind)
+    cell = None if kind == "state" else _integers(table.column("cell"))
+    return of_table(_times(table.column("time")), cell, _integers(table.column("state")))
+
+
+def _load(content: Content, kind: str) -> Any:
+    """The table; nothing but the schema is read before that is right, and nothing is ever unpacked."""
+    try:
+        with pa.ipc.open_stream(pa.py_buffer(content)) as reader:
+            _check_columns(reader.schema, kind)
+            _refuse_packed(content)
+            table = reader.read_all()
+        table.validate(full=True)
+    except (pa.ArrowException, OSError, ValueError, EOFError, MemoryError, struct.error) as error:
+        raise UnreadableBodyError(f"The body is no Arrow IPC stream: {error}") from None
+    _refuse_nulls(table)
+    return table
+
+
+def _refuse_packed(content: Content) -> None:
+    """Packed buffers would unpack to any size behind the limit of a body."""
+    for message in pa.ipc.MessageReader.open_stream(pa.py_buffer(content)):
+        if message.type == "record batch" and is_packed(message.metadata.to_pybytes()):
+            raise UnreadableBodyError(
+                "The buffers of this Arrow stream are compressed. Write it without compression; "
+                "to save bandwidth send the whole body with Content-Encoding gzip or zstd."
+            )
+
+
+def is_packed(metadata: bytes) -> bool:
+    """Whether the header of a record batch, a flatbuffer of Arrow's Message.fbs, names a compression."""
+    (message,) = struct.unpack_from("<I", metadata)
+    header = _field(metadata, message, 2)
+    if header is None:
+        return False
+    return _field(metadata, header + struct.unpack_from("<I", metadata, header)[0], 3) is not None
+
+
+def _field(metadata: bytes, table: int, number: int) -> int | None:
+    """Where field `number` of a flatbuffer's table is, None where it is left out."""
+    fields = table - struct.unpack_from("<i", metadata, table)[0]
+    (size,) = struct.unpack_from("<H", metadata, fields)
+    entry = 4 + 2 * number
+    offset = struct.unpack_from("<H", metadata, fields + entry)[0] if entry < size else 0
+    return table + offset if offset else None
+
+
+def _check_columns(schema: Any, kind: str) -> None:
+    errors = misnamed(list(schema.names), kind)
+    unknown = {error.field for error in errors}
+    errors += [
+        FieldError(each.name, message) for each in schema if each.name not in unknown and (message := _wrong_type(each))
+    ]
+    if errors:
+        raise InvalidInputError(*errors)
+
+
+def _wrong_type(column: Any) -> str | None:
+    """What is wrong with the type of a column, None where nothing is."""
+    kind = column.type
+    if column.name != "time":
+        right = pa.types.is_integer(kind) or (column.name == "state" and pa.types.is_boolean(kind))
+        return None if right else f"its type is {kind}; send {'uint8 or bool' if column.name == 'state' else 'uint32'}"
+    if pa.types.is_timestamp(kind):
+        return None if kind.tz else "these timestamps have no zone; send timestamps with tz, or Unix seconds"
+    right = pa.types.is_float64(kind) or pa.types.is_int64(kind) or pa.types.is_uint64(kind)
+    return None if right else f"its type is {kind}; send float64 Unix seconds or timestamps with a zone"
+
+
+def _refuse_nulls(table: Any) -> None:
+    nulls = [name for name in table.column_names if table.column(name).null_count]
+    if nulls:
+        raise InvalidInputError(*(FieldError(name, "it has nulls; send every value") for name in nulls))
+
+
+def _times(column: Any) -> NDArray[np.float64]:
+    if not pa.types.is_timestamp(column.type):
+        return np.asarray(_array_values(column), np.float64)
+    unit = {"s": 1, "ms": 1e3, "us": 1e6, "ns": 1e9}[column.type.unit]
+    return np.asarray(_array_values(column.cast(pa.int64())) / unit, np.float64)
+
+
+def _integers(column: Any) -> Integers:
+    return _array_values(column.cast(pa.uint8()) if pa.types.is_boolean(column.type) else column)
+
+
+def _array_values(column: Any) -> NDArray[Any]:
+    """The values of a column; those of a single batch where they stand in the body."""
+    array = column.chunk(0) if column.num_chunks == 1 else column.combine_chunks()
+    return np.asarray(array.to_numpy(zero_copy_only=False))
+
+
+def write(facts: Mapping[str, Any], columns: Mapping[str, Column]) -> memoryview:
+    """An IPC stream of equally long columns; `facts` go into the schema as JSON under `tidemap`."""
+    table = pa.table({name: _arrow(column) for name, column in columns.items()}).replace_schema_metadata(_facts(facts))
     # One block of the right size: a sink that grows would copy what it has again and again.
     content = pa.allocate_buffer(_size(table))
     _write(pa.FixedSizeBufferWriter(content), table)
     return memoryview(content)
+
+
+def _arrow(column: Column) -> Any:
+    if isinstance(column, Labels):
+        return pa.DictionaryArray.from_arrays(pa.array(column.codes.astype(np.int8)), pa.array(column.names))
+    return pa.array(column.values, mask=column.missing) if isinstance(column, Nullable) else pa.array(column)
 
 
 def _facts(metadata: Mapping[str, Any]) -> dict[bytes, bytes]:
@@ -37,16 +142,6 @@ def _write(sink: Any, content: Any) -> None:
         writer.write(content)
 
 
-def nullable(values: NDArray[np.generic], missing: NDArray[np.bool_]) -> Any:
-    """An Arrow array with nulls where `missing`."""
-    return pa.array(values, mask=missing)
-
-
-def labels(codes: NDArray[np.uint8], names: tuple[str, ...]) -> Any:
-    """A dictionary-encoded column of names by code."""
-    return pa.DictionaryArray.from_arrays(pa.array(codes.astype(np.int8)), pa.array(names))
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class ArrowBuffer:
     """An IPC stream of one batch, in one piece of memory, whose columns can be written anew where they lie.
@@ -60,9 +155,9 @@ class ArrowBuffer:
     columns: Mapping[str, NDArray[Any]]
 
     @classmethod
-    def of(cls, columns: Mapping[str, Any]) -> "ArrowBuffer":
-        """A sheet with these equally long columns."""
-        batch = pa.record_batch(dict(columns))
+    def of(cls, columns: Mapping[str, Column]) -> "ArrowBuffer":
+        """A buffer with these equally long columns."""
+        batch = pa.record_batch({name: _arrow(column) for name, column in columns.items()})
         whole = np.empty(_size(batch), np.uint8)
         _write(pa.FixedSizeBufferWriter(pa.py_buffer(whole)), batch)
         with pa.ipc.open_stream(pa.py_buffer(whole)) as reader:
@@ -71,7 +166,7 @@ class ArrowBuffer:
         return cls(batch.schema, whole[batch.schema.serialize().size :], found)
 
     def head(self, metadata: Mapping[str, Any]) -> bytes:
-        """What comes before `content`; as `encode_table` writes it."""
+        """What comes before `content`; as `write` writes it."""
         return bytes(self.schema.with_metadata(_facts(metadata)).serialize())
 
 

@@ -1,91 +1,36 @@
-"""Reading posted observations: JSON, Arrow and npy bodies to measurements, columnar, refusing what is wrong by name."""
+"""Posted observations: columns as they were sent to measurements, refusing what is wrong by name."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 
 import numpy as np
-import xxhash
 from numpy.typing import NDArray
 
-from tidemap.errors import InvalidInputError, UnsupportedMediaTypeError
+from tidemap.errors import InvalidInputError
+from tidemap.history.columns import Columns
 from tidemap.history.measurements import Measurements
 from tidemap.history.snapshot import sort_snapshot
-from tidemap.ingest import arrow_body, json_body, large_json, npy_body
-from tidemap.ingest.columns import Columns, Content
 from tidemap.schemas.common import FARTHEST_S
 from tidemap.space.grid import GridGeometry
 
-ARROW = "application/vnd.apache.arrow.stream"
-JSON = "application/json"
-NPY = "application/x-npy"
-COST = {JSON: 24, ARROW: 12, NPY: 12}
-"""`Body.cost` of a body, by its media type …"""
-GRID_COST = 13 * COST[NPY]
-"""… and of a grid, where one byte is a measurement, which takes 13 in a table."""
 BLOCK = 1 << 18
 """Rows that are checked at once."""
 
 
-@dataclass(frozen=True)
-class Body:
-    """The unpacked bytes of a post, their media type, and the time of all that is in them where that is sent beside."""
-
-    content: Content
-    media_type: str
-    time: float | None = None
-
-    @cached_property
-    def digest(self) -> bytes:
-        """What tells two bodies apart, 128 bits; a fifth of the cost of SHA-256, and no secret hangs on it."""
-        digest = xxhash.xxh3_128(self._beside.encode() + b"\0")
-        digest.update(self.content)
-        return digest.digest()
-
-    @property
-    def cost(self) -> int:
-        """Bytes of memory that each byte of it takes at most until its measurements are stored; its own included."""
-        if self.media_type == NPY and self.time is not None:
-            return GRID_COST
-        return COST.get(self.media_type, 1)
-
-    @property
-    def _beside(self) -> str:
-        return self.media_type if self.time is None else f"{self.media_type} {self.time!r}"
-
-
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What the measurements are for: the location's kind and grid, and the latest time they may have."""
+    """What the measurements are for: the location's grid, and the latest time they may have."""
 
-    kind: str
     grid: GridGeometry
     latest: float
 
 
-LARGE_JSON_BYTES = 1 << 18
-"""JSON from here on is read in pieces."""
+def checked(columns: Columns, target: Target) -> Measurements:
+    """What was sent as measurements, in order (`Measurements.in_order`).
 
-
-def _read_json(content: Content, kind: str, grid: GridGeometry) -> Columns:
-    if len(content) < LARGE_JSON_BYTES:
-        return json_body.read(content, kind, grid)
-    return large_json.read(content, kind, grid)
-
-
-READERS: dict[str, Callable[[Content, str, GridGeometry], Columns]] = {
-    JSON: _read_json,
-    ARROW: arrow_body.read,
-    NPY: npy_body.read,
-}
-
-
-def parse(body: Body, target: Target) -> Measurements:
-    """The measurements of a body, in order (`Measurements.in_order`).
-
-    Raises UnsupportedMediaTypeError, UnreadableBodyError, InvalidInputError naming the first offending place.
+    Raises InvalidInputError naming the first field that is wrong.
     """
-    columns = _columns(body, target)
     if not len(columns.time):
         raise InvalidInputError.at(columns.whole, "there is no measurement in it; send at least one")
     look = sort_snapshot(columns.time, columns.cell, columns.state, (-FARTHEST_S, target.latest), target.grid.n_cells)
@@ -102,20 +47,6 @@ def _in_order(columns: Columns, target: Target) -> Measurements:
     if _contradict(measurements).any():
         raise InvalidInputError.at(_contradiction(columns), "this cell is both occupied and free at the same time")
     return measurements
-
-
-def _columns(body: Body, target: Target) -> Columns:
-    """What stands in a body, unchecked."""
-    reader = READERS.get(body.media_type)
-    if reader is None:
-        raise UnsupportedMediaTypeError(
-            f"Content-Type {body.media_type!r} is not read here; send one of {', '.join(READERS)}."
-        )
-    if body.time is None:
-        return reader(body.content, target.kind, target.grid)
-    if body.media_type != NPY:
-        raise InvalidInputError.at("time", f"only a grid as {NPY} has its time here; leave it out")
-    return npy_body.read_grid(body.content, target.grid, body.time)
 
 
 def _check(columns: Columns, start: int, target: Target) -> None:
@@ -148,7 +79,7 @@ def _contradict(measurements: Measurements) -> NDArray[np.bool_]:
 
 
 def _contradiction(columns: Columns) -> str:
-    """The place of the first measurement, as they were sent, that contradicts an earlier one."""
+    """The field of the first measurement, as they were sent, that contradicts an earlier one."""
     order = np.lexsort((columns.cell, columns.time))
     cell, state = columns.cell[order].astype(np.uint32), columns.state[order].astype(np.uint8)
     clash = _contradict(Measurements(columns.time[order], cell, state))

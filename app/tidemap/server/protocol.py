@@ -13,6 +13,7 @@ import orjson
 from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
+from tidemap.media_types import PROBLEM
 from tidemap.server.census import Census
 
 MAX_HEAD_BYTES = 64 * 2**10
@@ -192,7 +193,7 @@ def problem(status: int, detail: str) -> bytes:
     title = HTTPStatus(status).phrase
     document = orjson.dumps({"type": "about:blank", "title": title, "status": status, "detail": detail})
     lines = [
-        b"content-type: application/problem+json",
+        f"content-type: {PROBLEM}".encode(),
         b"content-length: %d" % len(document),
         b"connection: close",
         *([b"retry-after: 1"] if status == HTTPStatus.SERVICE_UNAVAILABLE else []),

@@ -7,8 +7,9 @@ from functools import partial
 
 from tidemap.errors import CorruptChunkError, DomainError, IdempotencyConflictError
 from tidemap.events.messages import EventMessage
+from tidemap.formats import registry
 from tidemap.history.measurements import Measurements
-from tidemap.ingest.observation import Target, parse
+from tidemap.ingest.observation import Target, checked
 from tidemap.schemas.anomalies import Event
 from tidemap.services.context import Context
 from tidemap.services.judge import judge
@@ -88,7 +89,8 @@ def parsed(ctx: Context, name: str, post: Post) -> tuple[LocationRecord, Measure
     """The location of a post and its measurements. Raises as `observe`."""
     try:
         location = ctx.locations.get(name, partial(find_location, ctx))
-        return location, parse(post.body, Target(location.kind, location.cells, ctx.clock() + ctx.settings.future_s))
+        columns = registry.read(post.body, location.kind, location.cells)
+        return location, checked(columns, Target(location.cells, ctx.clock() + ctx.settings.future_s))
     except DomainError:
         _refuse(ctx, name, post)
         raise

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from tidemap.errors import DomainError, IdempotencyConflictError, LocationNotFoundError, UnauthorizedError
-from tidemap.ingest.observation import Body
+from tidemap.formats.registry import Body
 from tidemap.schemas.anomalies import Event
 from tidemap.services.anomalies import wire
 from tidemap.services.keys import Claim, confirm

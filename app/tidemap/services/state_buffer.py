@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.formats.arrow import ArrowBuffer, labels
+from tidemap.formats.arrow import ArrowBuffer
+from tidemap.formats.table import Column, Labels
 from tidemap.spectral.prediction import VERDICTS, StateColumns, known, state, verdict, write_waves
 from tidemap.spectral.prediction import probability as on_link
 from tidemap.spectral.spectrum import Spectrum
@@ -27,11 +28,11 @@ class StateBuffer:
         """A new one, on which nothing is said yet of cells with waves."""
         cells = known(spectrum)
         standing = on_link(spectrum, spectrum.mean[cells])
-        columns = {
+        columns: dict[str, Column] = {
             "cell": cells.astype(np.uint32),
             "probability": standing,
             "state": state(standing, confidence),
-            "verdict": labels(verdict(standing, confidence), VERDICTS),
+            "verdict": Labels(verdict(standing, confidence), VERDICTS),
         }
         return cls(ArrowBuffer.of(columns), np.searchsorted(cells, spectrum.cell).astype(np.int32), confidence)
 

@@ -28,7 +28,7 @@ def index_of(cell: ArrayLike, shape: Sequence[int]) -> NDArray[np.int64]:
 class GridGeometry:
     """Cell [0,0,0] has its lower corner at `origin` (metres, in `frame`); cells are cubes of `resolution_m`.
 
-    >>> grid = Grid("map", (0.0, 0.0, 0.0), 0.5, (4, 3, 2))
+    >>> grid = GridGeometry("map", (0.0, 0.0, 0.0), 0.5, (4, 3, 2))
     >>> grid.cell([[1, 2, 1]]).tolist(), grid.index([11]).tolist()
     ([11], [[1, 2, 1]])
     """

@@ -12,7 +12,7 @@ from tests.bench.load import Target, floor_server, request
 from tests.bench.timing import Figure, quantile
 from tests.support.contexts import opened
 from tests.support.server import ServerProcess
-from tidemap.formats.arrow import ARROW
+from tidemap.media_types import ARROW
 from tidemap.schemas.locations import LocationForm
 from tidemap.services.context import Context
 from tidemap.services.locations import create_location, find_location

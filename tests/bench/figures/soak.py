@@ -23,7 +23,7 @@ from tests.bench.timing import Figure, quantile
 from tests.support.contexts import Clock, opened
 from tests.support.memory import memory_mb
 from tests.support.server import ServerProcess
-from tidemap.formats.arrow import ARROW
+from tidemap.media_types import ARROW
 
 BY_NAME = True
 ROBOTS, READERS, STEP_S, LOOK_S = 16, 2, 1.0, 30.0

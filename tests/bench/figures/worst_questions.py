@@ -22,7 +22,7 @@ from tests.bench.waits import waiting
 from tests.support.contexts import Clock, make_location, opened, post_states, refit
 from tests.support.memory import memory_mb, peak_memory_mb
 from tests.support.server import ServerProcess
-from tidemap.formats.arrow import ARROW
+from tidemap.media_types import ARROW
 from tidemap.services.context import Context
 
 DOOR, BELL, WEEKS = "door", "bell", 26

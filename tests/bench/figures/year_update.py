@@ -15,10 +15,11 @@ from tests.bench.timing import Figure
 from tests.support.contexts import opened
 from tests.support.memory import memory_mb, peak_memory_mb
 from tests.support.server import ServerProcess
-from tidemap.client import Client
-from tidemap.client.encoding import arrow, look
+from tidemap.client import Client, arrow
+from tidemap.client.encoding import look
+from tidemap.formats.registry import Body
 from tidemap.history.segment import SEGMENT_SAMPLES, Segment
-from tidemap.ingest.observation import ARROW, Body
+from tidemap.media_types import ARROW
 from tidemap.schemas.locations import LocationForm
 from tidemap.services.context import Context
 from tidemap.services.locations import create_location, find_location
@@ -75,7 +76,7 @@ def prepare(ctx: Context, shape: tuple[int, int, int]) -> None:
         some = {(chunk, number): blob for chunk in range(location.n_chunks)}
         ctx.store.write(lambda work, some=some: work.segments.put(location, some))
     for time_s in (0.0, (year.n_samples - 1) * INTERVAL_S):
-        observe(ctx, NAME, Post(Body(arrow(look(time_s, np.zeros(0, np.uint32), np.array([1]))), ARROW)))
+        observe(ctx, NAME, Post(Body(arrow.write(look(time_s, np.zeros(0, np.uint32), np.array([1])).named()), ARROW)))
 
 
 def read(path: Path) -> float:

@@ -7,7 +7,7 @@ import pyarrow as pa
 import pytest
 
 from tidemap.client import answers
-from tidemap.client.encoding import ARROW
+from tidemap.media_types import ARROW
 
 META = {
     "time": "2026-03-01T09:00:00Z",

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tidemap.client.encoding import PostedColumns, arrow, batches, look, measurements, rows
+from tidemap.client import arrow, npy
+from tidemap.client.encoding import PostedColumns, batches, look, measurements
 
 
 def joined(parts: list[PostedColumns]) -> tuple[list[float], list[int], list[int]]:
@@ -73,7 +74,7 @@ def test_a_look_marks_occupied_and_free() -> None:
 
 @pytest.mark.parametrize("cell", [None, [7, 8]])
 def test_arrow_has_the_columns_of_the_contract(cell: list[int] | None) -> None:
-    table = pa.ipc.open_stream(arrow(measurements([1.5, 2], [True, False], cell))).read_all()
+    table = pa.ipc.open_stream(arrow.write(measurements([1.5, 2], [True, False], cell).named())).read_all()
     assert table.column("time").to_pylist() == [1.5, 2]
     assert table.column("state").to_pylist() == [1, 0]
     assert (table.schema.field("time").type, table.schema.field("state").type) == (pa.float64(), pa.uint8())
@@ -104,7 +105,7 @@ def test_a_time_in_a_list_is_for_one_state_and_a_time_alone_for_all() -> None:
 
 @pytest.mark.parametrize("cell", [None, [3, 4]])
 def test_rows_of_a_table_are_what_the_server_reads(cell: list[int] | None) -> None:
-    table = np.load(io.BytesIO(rows(measurements([1.0, 2.0], [1, 0], cell))))
+    table = np.load(io.BytesIO(npy.write_rows(measurements([1.0, 2.0], [1, 0], cell).named())))
     assert table.dtype.names == (("time", "state") if cell is None else ("time", "cell", "state"))
     assert table["time"].tolist() == [1.0, 2.0]
     assert cell is None or table["cell"].tolist() == cell

@@ -10,9 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.support.parsing import Target, parse
 from tidemap.errors import DomainError, InvalidInputError, UnreadableBodyError, UnsupportedMediaTypeError
+from tidemap.formats.registry import Body
 from tidemap.history.measurements import Measurements
-from tidemap.ingest.observation import ARROW, JSON, Body, Target, parse
+from tidemap.media_types import ARROW, JSON
 from tidemap.space.grid import SINGLE, GridGeometry
 
 GRID = GridGeometry("map", (0.0, 0.0, 0.0), 0.1, (4, 3, 2))

@@ -19,7 +19,8 @@ from tidemap.errors import (
     UnsupportedMediaTypeError,
 )
 from tidemap.events.messages import EventMessage
-from tidemap.ingest.observation import JSON, Body
+from tidemap.formats.registry import Body
+from tidemap.media_types import JSON
 from tidemap.schemas.locations import LocationPatch
 from tidemap.services.anomalies import EventQuery, list_events
 from tidemap.services.context import Context

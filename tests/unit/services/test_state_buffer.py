@@ -9,7 +9,8 @@ import pyarrow as pa
 import pytest
 
 from tests.support.contexts import make_location, opened, post_rows, refit
-from tidemap.formats.arrow import encode_table, labels
+from tidemap.formats import arrow
+from tidemap.formats.table import Labels
 from tidemap.schemas.locations import LocationPatch
 from tidemap.services.context import Context
 from tidemap.services.locations import change_location
@@ -43,9 +44,9 @@ def made_anew(view: StateView) -> bytes:
         "cell": view.cell.astype(np.uint32),
         "probability": view.probability,
         "state": view.state,
-        "verdict": labels(view.verdict, VERDICTS),
+        "verdict": Labels(view.verdict, VERDICTS),
     }
-    return bytes(encode_table(columns, FACTS))
+    return bytes(arrow.write(FACTS, columns))
 
 
 @pytest.mark.parametrize("how", [{}, {"confidence": 0.55}, {"order": 1}, {"estimator": "static"}])

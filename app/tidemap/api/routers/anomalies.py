@@ -7,9 +7,10 @@ from starlette.responses import Response
 
 from tidemap.api.bodies import FormRoute
 from tidemap.api.dependencies import After, Ctx, Id, Limit, Operator, TimeQuery, cursor, query_time
-from tidemap.api.encoding import JSON, with_etag
-from tidemap.api.json_parts import to_json
+from tidemap.api.encoding import with_etag
 from tidemap.api.long_questions import answered
+from tidemap.formats.json_columns.parts import to_json
+from tidemap.media_types import JSON
 from tidemap.schemas.anomalies import AcknowledgeForm, DetectForm, Event, Events
 from tidemap.schemas.common import Page
 from tidemap.services.anomalies import EventQuery, acknowledge, get_event, list_events

@@ -11,8 +11,6 @@ from tidemap.api.auth import confirming
 from tidemap.api.bodies import FormRoute
 from tidemap.api.dependencies import Asker, Ctx, Operator, TimeQuery, query_time
 from tidemap.api.encoding import (
-    JSON,
-    NPY,
     encode_grid,
     encode_prediction,
     encode_series,
@@ -24,7 +22,7 @@ from tidemap.api.encoding import (
 from tidemap.api.forms import form_body, posted_form
 from tidemap.api.long_questions import answered
 from tidemap.errors import InvalidInputError
-from tidemap.formats.arrow import ARROW
+from tidemap.media_types import ARROW, JSON, NPY
 from tidemap.schemas import maps
 from tidemap.schemas.locations import Confidence, EstimatorName
 from tidemap.services.context import Context

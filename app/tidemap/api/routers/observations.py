@@ -8,7 +8,7 @@ from tidemap.api.auth import confirming
 from tidemap.api.dependencies import Robot, posted_body
 from tidemap.api.parameters import StrictRoute
 from tidemap.api.state import state_of
-from tidemap.ingest.observation import ARROW, JSON, NPY
+from tidemap.media_types import ARROW, JSON, NPY
 from tidemap.schemas.common import Text
 from tidemap.schemas.observations import Accepted, GridObservations, StateObservations
 from tidemap.services.keys import Principal
@@ -24,7 +24,7 @@ _BODY: dict[str, Any] = {
         "description": "Columns of measurements. May be gzip- or zstd-encoded (Content-Encoding), "
         "zstd with a window of 8 MB at most.",
         "content": {
-            "application/json": {
+            JSON: {
                 "schema": {
                     "anyOf": [
                         {"$ref": f"#/components/schemas/{form.__name__}"}

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tidemap import json_text
 from tidemap.errors import DomainError, InvalidInputError, UnreadableBodyError
-from tidemap.ingest import json_body, large_json
+from tidemap.formats.json_columns import large, small
+from tidemap.formats.json_columns import text as json_text
 from tidemap.space.grid import GridGeometry
 
 GRID = GridGeometry("map", (0.0, 0.0, 0.0), 1.0, (4, 5))
@@ -30,8 +30,8 @@ def columns(read: Any, document: Any, kind: str, indent: int | None) -> Any:
 def both(document: Any, kind: str, piece: int, indent: int | None) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(json_text, "PIECE_BYTES", piece)
-        large = columns(large_json.read, document, kind, indent)
-    assert large == columns(json_body.read, document, kind, indent)
+        read = columns(large.read, document, kind, indent)
+    assert read == columns(small.read, document, kind, indent)
 
 
 @given(
@@ -67,7 +67,7 @@ def test_looks_are_read_alike(looks: list[dict[str, Any]], piece: int, indent: i
 )
 def test_what_is_wrong_is_said(content: bytes, kind: str, error: type[DomainError], says: str) -> None:
     with pytest.raises(error) as raised:
-        large_json.read(content, kind, GRID)
+        large.read(content, kind, GRID)
     assert says in str(raised.value)
 
 
@@ -78,5 +78,5 @@ def test_a_wrong_item_is_named_by_its_place(monkeypatch: pytest.MonkeyPatch) -> 
         ({"time": [1] * 51, "state": [*[1] * 50, 0.5]}, "state[50]"),
     ):
         with pytest.raises(InvalidInputError) as raised:
-            large_json.read(json.dumps(document).encode(), "state", GRID)
+            large.read(json.dumps(document).encode(), "state", GRID)
         assert location in str(raised.value)

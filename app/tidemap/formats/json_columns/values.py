@@ -1,57 +1,10 @@
-"""Columns: measurements as they were sent, before they are checked, with the names of their places."""
-
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TypeAlias
+"""Values of JSON: lists of times and whole numbers to arrays, naming the first value that is wrong."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.errors import FieldError, InvalidInputError
+from tidemap.errors import InvalidInputError
 from tidemap.schemas.common import parse_time
-
-Content: TypeAlias = bytes | bytearray
-Integers: TypeAlias = NDArray[np.integer]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Columns:
-    """time, cell, state (n,); the functions name the place of row i as the sender knows it, `whole` the body.
-
-    Arrays may be views of the body: nothing is copied before it is checked.
-    """
-
-    time: NDArray[np.float64]
-    cell: Integers
-    state: Integers
-    time_field: Callable[[int], str]
-    cell_field: Callable[[int], str]
-    state_field: Callable[[int], str]
-    whole: str
-
-
-def wanted(kind: str) -> list[str]:
-    """The columns of a table of measurements."""
-    return ["state", "time"] if kind == "state" else ["cell", "state", "time"]
-
-
-def of_table(time: NDArray[np.float64], cell: Integers | None, state: Integers) -> Columns:
-    """The columns of a table, one row a measurement; without `cell` all are of a location's only one."""
-    cells = np.broadcast_to(np.uint32(0), len(time)) if cell is None else cell
-    cell_field = ("time[{}]" if cell is None else "cell[{}]").format
-    return Columns(time, cells, state, "time[{}]".format, cell_field, "state[{}]".format, "time")
-
-
-def misnamed(names: list[str], kind: str) -> list[FieldError]:
-    """What is wrong with the names of a table's columns."""
-    known = wanted(kind)
-    errors = [
-        FieldError(name, f"this column is not known here; send {', '.join(known)}")
-        for name in dict.fromkeys(names)
-        if name not in known
-    ]
-    errors += [FieldError(name, "this column is missing") for name in known if name not in names]
-    return errors + [FieldError(name, "this column stands twice") for name in known if names.count(name) > 1]
 
 
 def times_of(values: list[object], field: str, first: int = 0) -> NDArray[np.float64]:

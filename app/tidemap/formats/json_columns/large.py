@@ -1,4 +1,4 @@
-"""Large JSON observations: the same columns as `json_body` makes, in pieces and without an object for every number."""
+"""Large JSON observations: the same columns as `small` makes, in pieces and without an object for every number."""
 
 from collections.abc import Callable
 from typing import Any
@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.errors import InvalidInputError
-from tidemap.ingest.columns import Columns, Content, integers_of, of_table, time_of, times_of
-from tidemap.ingest.json_body import STATE_MESSAGE, assemble, cells_of, check_lengths
-from tidemap.json_text import fields_of, list_parts, parsed
+from tidemap.formats.json_columns.small import STATE_MESSAGE, assemble, cells_of, check_lengths
+from tidemap.formats.json_columns.text import fields_of, list_parts, parsed
+from tidemap.formats.json_columns.values import integers_of, time_of, times_of
+from tidemap.history.columns import Columns, Content, of_table
 from tidemap.space.grid import GridGeometry
 
 MAX_LOOKS = 100_000

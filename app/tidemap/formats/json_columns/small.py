@@ -8,7 +8,8 @@ import orjson
 from numpy.typing import NDArray
 
 from tidemap.errors import FieldError, InvalidInputError, UnreadableBodyError
-from tidemap.ingest.columns import Columns, Content, integers_of, of_table, time_of, times_of, whole
+from tidemap.formats.json_columns.values import integers_of, time_of, times_of, whole
+from tidemap.history.columns import Columns, Content, of_table
 from tidemap.space.grid import GridGeometry
 
 CELL_MESSAGE = "a cell is its linear index or [i,j,k]"

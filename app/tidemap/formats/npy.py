@@ -1,4 +1,4 @@
-"""npy observations: rows with the fields `time`, `cell` (not for kind `state`) and `state`, or a grid at one time."""
+"""npy: observations as rows or as a grid at one time, and grids of probabilities."""
 
 import io
 import math
@@ -10,7 +10,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from tidemap.errors import FieldError, InvalidInputError, UnreadableBodyError
-from tidemap.ingest.columns import Columns, Content, Integers, misnamed, of_table, wanted
+from tidemap.history.columns import Columns, Content, Integers, misnamed, of_table, wanted
 from tidemap.space.grid import GridGeometry
 
 UNSEEN = 255
@@ -129,3 +129,10 @@ def _integers(values: Any) -> Integers:
     if values.dtype.kind == "b":
         values = values.view(np.uint8)  # a file's byte may be neither 0 nor 1
     return np.ascontiguousarray(values, values.dtype.newbyteorder("="))
+
+
+def write_grid(grid: NDArray[np.float32]) -> list[bytes | memoryview]:
+    """An npy file of a grid in C order, in parts: its header, and its values as they lie."""
+    head = io.BytesIO()
+    npy.write_array_header_1_0(head, npy.header_data_from_array_1_0(grid))
+    return [head.getvalue(), grid.reshape(-1).view(np.uint8).data]

@@ -1,0 +1,6 @@
+"""Media types: what bodies and answers are written in."""
+
+ARROW = "application/vnd.apache.arrow.stream"
+JSON = "application/json"
+NPY = "application/x-npy"
+PROBLEM = "application/problem+json"

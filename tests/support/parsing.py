@@ -1,0 +1,24 @@
+"""A body to measurements, as a post is read for a location."""
+
+from dataclasses import dataclass
+
+from tidemap.formats import registry
+from tidemap.formats.registry import Body
+from tidemap.history.measurements import Measurements
+from tidemap.ingest import observation
+from tidemap.space.grid import GridGeometry
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """The location's kind and grid, and the latest time that measurements may have."""
+
+    kind: str
+    grid: GridGeometry
+    latest: float
+
+
+def parse(body: Body, target: Target) -> Measurements:
+    """The measurements of a body, in order."""
+    columns = registry.read(body, target.kind, target.grid)
+    return observation.checked(columns, observation.Target(target.grid, target.latest))
