@@ -84,7 +84,7 @@ def test_a_known_cell_has_its_colour_where_it_is(lab: Lab, page: Page) -> None:
     front = (5, 0, 1)
     expected = color_of(lab.url, "lab", MORNING, front)
     viewer.until(lambda: viewer.shows(expected, "left") > 200)
-    x, y = viewer.location_of(front)
+    x, y = viewer.pixel_of(front)
     assert tuple(viewer.pixels()[y, x]) == expected
     viewer.go(NIGHT)
     viewer.until(lambda: viewer.shows(expected, "left") == 0)
@@ -108,7 +108,7 @@ def test_a_click_inspects_a_cell(lab: Lab, page: Page) -> None:
     viewer = Viewer.open(page, lab.url, "lab", MORNING)
     front = (5, 0, 1)
     viewer.until(lambda: viewer.shows(color_of(lab.url, "lab", MORNING, front), "left") > 200)
-    x, y = viewer.location_of(front)
+    x, y = viewer.pixel_of(front)
     page.locator("#scene").click(position={"x": x, "y": y})
     facts = page.locator("#selected-facts")
     expect(facts).to_contain_text("[5, 0, 1]")
