@@ -9,6 +9,7 @@ from fastapi.responses import RedirectResponse
 from starlette.requests import HTTPConnection
 
 from tidemap.api.auth import COOKIE, authenticate, counting_wrong_keys, refuse_other_sites
+from tidemap.api.errors import domain_response
 from tidemap.errors import DomainError, ForbiddenError, UnauthorizedError
 from tidemap.services.context import Context
 from tidemap.services.keys import OPEN, SESSION_S, Principal, allows, by_secret, end_session, start_session
@@ -61,14 +62,17 @@ def redirect(request: Request) -> Response | None:
     return RedirectResponse(_login(request.url.path + query), 303, NO_STORE)
 
 
-def allows_socket(socket: HTTPConnection) -> bool:
-    """Whether a WebSocket may open: its sender may look, and comes from our own pages if from a browser."""
+def refuse_socket(socket: HTTPConnection) -> Response | None:
+    """What to answer to a WebSocket that may not open: 401, 403 or 429; None for one that may.
+
+    Its sender has to be allowed to look, and to come from our own pages if it is a browser.
+    """
     try:
         refuse_other_sites(socket)
         principal(socket)
-    except DomainError:
-        return False
-    return True
+    except DomainError as error:
+        return domain_response(socket.url.path, error)
+    return None
 
 
 def sign_in(ctx: Context, request: Request, secret: str, then: str) -> Response:

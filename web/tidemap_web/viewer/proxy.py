@@ -19,7 +19,6 @@ from tidemap_web.viewer.server import ViewerServer
 from tidemap_web.viewer.sockets import converse, pipe
 
 _TOKEN = re.compile(r"[A-Za-z0-9_-]{16,64}")
-_UNKNOWN_TAB = 4404
 
 
 def router(ctx: Context, viewer: ViewerServer) -> APIRouter:
@@ -54,17 +53,7 @@ def router(ctx: Context, viewer: ViewerServer) -> APIRouter:
         address = scene_address(request.query_params)
         if f"{request.url.path}?{request.url.query}" != address:
             return RedirectResponse(address, 303, guard.NO_STORE)
-        client = client_page()
-        return Response(
-            client.body,
-            media_type="text/html",
-            headers={
-                "Content-Encoding": "gzip",
-                "Content-Security-Policy": client.csp,
-                "X-Content-Type-Options": "nosniff",
-                "Cache-Control": "private, max-age=31536000, immutable",
-            },
-        )
+        return _scene_page(request)
 
     @routes.get("/sessions", response_model=None)
     def sessions(request: Request) -> Response | list[PageMessage]:
@@ -74,8 +63,11 @@ def router(ctx: Context, viewer: ViewerServer) -> APIRouter:
     @routes.websocket("/control/{token}")
     async def control(socket: WebSocket, token: str) -> None:
         """The page's wishes and the session's answers."""
-        if not await run_in_threadpool(guard.allows_socket, socket) or not _TOKEN.fullmatch(token):
-            await socket.close(1008)
+        if refused := await run_in_threadpool(guard.refuse_socket, socket):
+            await socket.send_denial_response(refused)
+            return
+        if not _TOKEN.fullmatch(token):
+            await socket.send_denial_response(_no_such_tab())
             return
         await socket.accept()
         await converse(socket, viewer, token)
@@ -83,12 +75,33 @@ def router(ctx: Context, viewer: ViewerServer) -> APIRouter:
     @routes.websocket("/scene/{token}")
     async def through(socket: WebSocket, token: str) -> None:
         """Viser's socket, passed through."""
-        if not await run_in_threadpool(guard.allows_socket, socket) or not viewer.knows(token):
-            await socket.close(_UNKNOWN_TAB)
+        if refused := await run_in_threadpool(guard.refuse_socket, socket):
+            await socket.send_denial_response(refused)
+            return
+        if not viewer.knows(token):
+            await socket.send_denial_response(_no_such_tab())
             return
         await pipe(socket, viewer, token)
 
     return routes
+
+
+def _scene_page(request: Request) -> Response:
+    """Viser's client; browsers ask each time whether theirs is the current one, so no old policy lives on."""
+    client = client_page()
+    headers = {
+        "Content-Security-Policy": client.csp,
+        "X-Content-Type-Options": "nosniff",
+        "Cache-Control": "private, no-cache",
+        "ETag": f'"{client.version}"',
+    }
+    if request.headers.get("if-none-match") == headers["ETag"]:
+        return Response(status_code=304, headers=headers)
+    return Response(client.body, media_type="text/html", headers={"Content-Encoding": "gzip", **headers})
+
+
+def _no_such_tab() -> Response:
+    return Response("No open tab has this token. Reload the viewer.", 404, guard.NO_STORE, "text/plain")
 
 
 def _swatches() -> dict[str, str]:
