@@ -2,13 +2,14 @@
 
 import contextlib
 from collections.abc import Iterator
-from urllib.parse import quote
+from urllib.parse import parse_qs, quote, urlsplit
 
 import pytest
 import viser
 from playwright.sync_api import Page
 from viser._messages import RunJavascriptMessage
 
+from tests.e2e.test_keys import make_key
 from tests.support.server import ServerProcess
 from tidemap_web.viewer.client import scene_address
 
@@ -22,16 +23,71 @@ def foreign() -> Iterator[viser.ViserServer]:
     server.stop()
 
 
-@pytest.mark.parametrize("way", ["/view/scene/?{}", "/login?next={}", "/view/scene/?v=1&fixedDpr=1&{}"])
-def test_a_link_to_a_foreign_server_opens_nothing_of_it(
-    shared_server: ServerProcess, foreign: viser.ViserServer, page: Page, way: str
-) -> None:
-    query = f"websocket=ws://127.0.0.1:{foreign.get_port()}&playbackPath=/x"
-    page.goto(shared_server.url + way.format(quote(f"/view/scene/?{query}", safe="") if "next" in way else query))
-    page.wait_for_timeout(3000)
-    assert "websocket" not in page.url or "127.0.0.1:" + str(foreign.get_port()) not in page.url
+@pytest.fixture
+def query(foreign: viser.ViserServer) -> str:
+    """What would lead viser's client to the foreign server."""
+    return f"websocket=ws://127.0.0.1:{foreign.get_port()}&playbackPath=/x"
+
+
+@pytest.fixture(scope="module")
+def keyed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[ServerProcess, str]]:
+    """A server with an admin's key."""
+    running = ServerProcess(tmp_path_factory.mktemp("keyed"))
+    try:
+        yield running, str(make_key(("--data", str(running.data)), "admin")["key"])
+    finally:
+        running.stop()
+
+
+def sign_in(page: Page, server: ServerProcess, key: str, then: str = "/") -> None:
+    page.goto(f"{server.url}/login?next={quote(then, safe='')}")
+    page.fill("[name=key]", key)
+    page.press("[name=key]", "Enter")
+    page.wait_for_url(lambda url: "/login" not in url)
+
+
+def opens_ours_only(page: Page, server: ServerProcess, foreign: viser.ViserServer, address: str) -> None:
+    """Opening an address of the scene leads to the scene of the server; its client connects to that server."""
+    with page.expect_console_message(lambda message: message.text.startswith("Connecting to: ")) as said:
+        answer = page.goto(server.url + address)
+    ours = f"ws://127.0.0.1:{server.port}/view/scene"
+    assert said.value.text.startswith(f"Connecting to: {ours} with")
+    assert answer is not None
+    assert answer.url.removesuffix("&fixedDpr=1") == server.url + scene_address()
+    shown = parse_qs(urlsplit(page.url).query)  # viser's client writes into it where it connects to
+    assert shown.get("websocket", [ours]) == [ours]
+    assert "playbackPath" not in shown
     assert not foreign.get_clients()
     assert page.evaluate("document.documentElement.dataset.taken") is None
+
+
+@pytest.mark.parametrize("way", ["/view/scene/?{}", "/view/scene/?v=1&fixedDpr=1&{}"])
+def test_a_link_to_a_foreign_server_opens_nothing_of_it(
+    shared_server: ServerProcess, foreign: viser.ViserServer, query: str, page: Page, way: str
+) -> None:
+    opens_ours_only(page, shared_server, foreign, way.format(query))
+
+
+def test_a_link_to_a_foreign_server_opens_nothing_of_it_for_who_is_signed_in(
+    keyed: tuple[ServerProcess, str], foreign: viser.ViserServer, query: str, page: Page
+) -> None:
+    server, key = keyed
+    sign_in(page, server, key)
+    opens_ours_only(page, server, foreign, f"/view/scene/?{query}")
+    made = page.request.get(f"{server.url}/api/v1/keys").json()
+    assert [each["role"] for each in made["items"]] == ["admin"]
+
+
+def test_signing_in_leads_to_no_scene_with_a_foreign_server(
+    keyed: tuple[ServerProcess, str], shared_server: ServerProcess, foreign: viser.ViserServer, query: str, page: Page
+) -> None:
+    server, key = keyed
+    link = f"/view/scene/?{query}"
+    sign_in(page, server, key, link)
+    assert page.url == f"{server.url}/"
+    page.goto(f"{shared_server.url}/login?next={quote(link, safe='')}")
+    assert page.url == f"{shared_server.url}/"
+    assert not foreign.get_clients()
 
 
 def test_the_policy_keeps_the_scene_from_other_hosts_and_from_scripts_of_messages(
