@@ -1,6 +1,6 @@
 """Keys and roles: who may do what on every route."""
 
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -102,6 +102,26 @@ def test_without_a_known_key_nothing_is_answered(
     answer = ask(api, method, path, form, "robot", headers={k: v.encode("latin-1") for k, v in header.items()})
     problem(answer, 401, "unauthorized")
     assert answer.headers["www-authenticate"] == "Bearer"
+
+
+@pytest.mark.parametrize(("method", "path", "form", "allowed"), TABLE, ids=IDS)
+@pytest.mark.parametrize("header", [{}, {"Authorization": "Bearer tm_wrong"}], ids=["none", "wrong"])
+@pytest.mark.parametrize("kind", ["application/json", "application/x-npy", "application/vnd.apache.arrow.stream"])
+def test_no_body_is_read_before_the_key_is_known(
+    locked: Any, method: str, path: str, form: Any, allowed: set[str], header: dict[str, str], kind: str
+) -> None:
+    api, _ = locked
+    # A sender that was let in lately is looked up with its post: the first one after the server was closed is read.
+    problem(api.post("/locations/door/observations", {"time": [NOW - 60], "state": [1]}), 401, "unauthorized")
+    asked_for = []
+
+    async def body() -> AsyncIterator[bytes]:
+        asked_for.append(path)
+        yield b"{}"
+
+    headers = {**header, "Content-Type": kind}
+    problem(api.request(method, path.format(role="robot"), content=body(), headers=headers), 401, "unauthorized")
+    assert asked_for == []
 
 
 def test_the_table_holds_every_route(locked: Any) -> None:
