@@ -58,7 +58,6 @@ lint: setup
 	    echo "Fix the format with: .venv/bin/ruff format ." >&2; exit 1; }
 	@.venv/bin/python -m ruff check --quiet .
 	@.venv/bin/python -m mypy --no-error-summary
-	@.venv/bin/python -m mypy --no-error-summary docs/examples
 	@.venv/bin/oxlint --quiet --deny-warnings --ignore-pattern vendor web/tidemap_web/pages/static
 	@.venv/bin/lint-imports --no-logo
 

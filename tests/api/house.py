@@ -125,7 +125,7 @@ class Api:
 @contextmanager
 def open_house(folder: Path, database_url: str | None = None, **settings: Any) -> Iterator[Api]:
     """The site with a quiet updater and no viewer."""
-    chosen = {"viewer": False, "updater": False, "log_level": "warning", "max_body_bytes": 2**20}
+    chosen: dict[str, Any] = {"viewer": False, "updater": False, "log_level": "warning", "max_body_bytes": 2**20}
     chosen |= {"wrong_keys_per_minute": 0, **settings}
     clock = Clock()
     configured = Settings(data=folder, database_url=database_url, **chosen)

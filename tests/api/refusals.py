@@ -73,7 +73,7 @@ def structured(path: str, table: Any, status: int, names: str | None, says: str 
     return raw(f"{path}/observations", content, status, names, says, NPY)
 
 
-def table(*cases: Case) -> Any:
+def table(*cases: Case) -> pytest.MarkDecorator:
     """Parametrises a test with cases, numbered so that each can be run alone."""
     return pytest.mark.parametrize("case", [pytest.param(case, id=_name(i, case)) for i, case in enumerate(cases)])
 

@@ -46,8 +46,8 @@ def unreadable() -> Iterator[Case]:
         yield raw(path, plain, 415, None, "gzip, zstd", method=method, **{"Content-Encoding": "gzip, gzip"})
         yield raw(path, b'{"x":"' + b"y" * 2**20 + b'"}', 413, None, "bytes", method=method)
         if path not in OPTIONAL:
-            expected = (400, None, "JSON") if path.endswith("observations") else (422, "body", "missing")
-            yield raw(path, b"", *expected, method=method)
+            status, names, says = (400, None, "JSON") if path.endswith("observations") else (422, "body", "missing")
+            yield raw(path, b"", status, names, says, method=method)
 
 
 @table(*unreadable())
@@ -57,7 +57,7 @@ def test_bodies_that_no_route_reads(site: Untouched, case: Case) -> None:
 
 def test_a_million_wrong_things_are_told_in_few_words(site: Untouched) -> None:
     """The memory of their errors would be a thousand times that of the body."""
-    many = [{}] * 100_000
+    many: list[dict[str, int]] = [{}] * 100_000
     lists = [
         (f"{DOOR}/predict", {"time": many}, "time[0]"),
         (f"{DOOR}/predict", {"time": [T], "cell": many}, "cell[0]"),

@@ -82,7 +82,7 @@ def test_invented_methods_and_paths_make_no_new_series(own: Api) -> None:
 
 
 def test_with_keys_metrics_need_an_operator_and_health_nobody(own: Api) -> None:
-    secrets = {}
+    secrets: dict[str, str] = {}
     for role in ("admin", "robot", "operator"):
         how = {"headers": {"Authorization": f"Bearer {secrets['admin']}"}} if secrets else {}
         secrets[role] = done(own.post("/keys", {"name": role, "role": role}, **how), 201)["key"]

@@ -169,8 +169,7 @@ def test_a_job_that_was_cut_short_runs_again(tmp_path: Path, monkeypatch: pytest
 
 
 def test_the_updater_needs_no_asking(tmp_path: Path) -> None:
-    settings = {"updater": True, "updater_interval_s": 0.05, "update_rest_s": 60.0}
-    with open_house(tmp_path, **settings) as api:
+    with open_house(tmp_path, updater=True, updater_interval_s=0.05, update_rest_s=60.0) as api:
         name = api.location(estimator="fft", order=2)
         time_, state = fortnight()
         api.observe(name, time_[:-24], state[:-24])

@@ -234,7 +234,8 @@ def test_keys_are_listed_page_by_page(tmp_path: Path) -> None:
         admin = bearer(done(api.post("/keys", {"name": "0", "role": "admin"}), 201)["key"])
         for number in range(1, 5):
             done(api.post("/keys", {"name": str(number), "role": "robot"}, headers=admin), 201)
-        pages, after = [], {}
+        pages: list[list[str]] = []
+        after: dict[str, str] | None = {}
         while after is not None:
             page = done(api.get("/keys", params={"limit": 2, **after}, headers=admin))
             pages.append([key["name"] for key in page["items"]])

@@ -1,5 +1,6 @@
 """Too many requests, too many wrong keys, and pages of other sites: refused in words, and nothing is done."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,7 @@ import pytest
 from tests.api.house import NOW, Api, done, open_house, problem
 
 SEEN = {"time": [NOW], "state": [1]}
-SLOW = {"requests_per_s": 0.001, "requests_burst": 5}
+open_slow = partial(open_house, requests_per_s=0.001, requests_burst=5)
 
 
 def bearer(secret: str) -> dict[str, str]:
@@ -20,7 +21,7 @@ def make_key(api: Api, name: str, role: str = "admin", **how: Any) -> str:
 
 
 def test_each_key_has_its_own_rate(tmp_path: Path) -> None:
-    with open_house(tmp_path, **SLOW) as api:
+    with open_slow(tmp_path) as api:
         door = api.location()
         first = make_key(api, "first")
         second = make_key(api, "second", headers=bearer(first))
@@ -36,7 +37,7 @@ def test_each_key_has_its_own_rate(tmp_path: Path) -> None:
 
 
 def test_a_form_is_counted_once(tmp_path: Path) -> None:
-    with open_house(tmp_path, **SLOW) as api:
+    with open_slow(tmp_path) as api:
         key = make_key(api, "first")
         for number in range(5):
             form = {"name": f"location-{number}", "interval_s": 60}
@@ -45,13 +46,13 @@ def test_a_form_is_counted_once(tmp_path: Path) -> None:
 
 
 def test_a_machine_of_its_own_is_not_limited(tmp_path: Path) -> None:
-    with open_house(tmp_path, **SLOW) as api:
+    with open_slow(tmp_path) as api:
         for _ in range(20):
             done(api.get("/locations"))
 
 
 def test_an_open_server_limits_addresses(tmp_path: Path) -> None:
-    with open_house(tmp_path, host="0.0.0.0", open=True, **SLOW) as api:
+    with open_slow(tmp_path, host="0.0.0.0", open=True) as api:
         for _ in range(5):
             done(api.get("/locations"))
         problem(api.get("/locations"), 429, "rate-limit")

@@ -254,7 +254,8 @@ def test_bodies_may_be_packed(api: Api, encoding: str, pack: Callable[[bytes], b
 
 @pytest.mark.parametrize("encoding", ["gzip", "zstd"])
 def test_forms_may_be_packed_too(api: Api, encoding: str) -> None:
-    pack = {"gzip": gzip.compress, "zstd": zstandard.compress}[encoding]
+    packers: dict[str, Callable[[bytes], bytes]] = {"gzip": gzip.compress, "zstd": zstandard.compress}
+    pack = packers[encoding]
     body = pack(json.dumps({"name": api.name(), "interval_s": 60}).encode())
     done(api.post("/locations", content=body, headers={"Content-Type": JSON, "Content-Encoding": encoding}), 201)
 

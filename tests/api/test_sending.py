@@ -5,6 +5,7 @@ import socket
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import partial
 from threading import Thread
 
 import httpx
@@ -26,6 +27,7 @@ from tidemap.services.predict import StateQuery, state_at
 from tidemap.spectral.recipe import Recipe
 from tidemap.spectral.spectrum import Spectrum
 from tidemap.storage.records import CHUNK_CELLS, RevisionRecord
+from tidemap.storage.work import Work
 from tidemap_web.site import pages
 
 SIDE = 1000
@@ -42,10 +44,14 @@ def ctx(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Context]:
         location = find_location(ctx, "hall")
         for chunk in range(location.n_chunks):
             spectrum = waving(chunk, location.chunk_size(chunk))
-            ctx.store.submit(lambda work, at=chunk, value=spectrum: work.spectra.put_chunk(location.id, 1, at, value))
+            ctx.store.submit(partial(put_chunk, location.id, chunk, spectrum))
         record = RevisionRecord(location.id, 1, Recipe("fft", 1, "UTC"), 0, 2016, 0, 0, None, 0.0, None)
         ctx.store.write(lambda work: work.spectra.publish(record))
         yield ctx
+
+
+def put_chunk(location_id: int, chunk: int, spectrum: Spectrum, work: Work) -> None:
+    work.spectra.put_chunk(location_id, 1, chunk, spectrum)
 
 
 def waving(seed: int, n_cells: int) -> Spectrum:

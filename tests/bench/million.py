@@ -1,6 +1,7 @@
 """A hall of 10^6 cells, a week of five-minute samples each, a tenth of them changing, put into a database directly."""
 
 from collections.abc import Iterator
+from functools import partial
 from itertools import islice
 from math import prod
 
@@ -12,30 +13,36 @@ from tidemap.formats.registry import Body
 from tidemap.history.history import History
 from tidemap.history.segment import SEGMENT_SAMPLES, Segment
 from tidemap.media_types import ARROW
-from tidemap.schemas.locations import LocationForm
+from tidemap.schemas.locations import EstimatorChoice, Grid, LocationForm
 from tidemap.services.context import Context
 from tidemap.services.locations import create_location, find_location
 from tidemap.services.observe import observe
 from tidemap.services.posts import Post
 from tidemap.storage.blobs import pack_segment
-from tidemap.storage.records import CHUNK_CELLS
+from tidemap.storage.records import CHUNK_CELLS, LocationRecord
 from tidemap.storage.repositories.segments import SegmentKey
+from tidemap.storage.work import Work
 
 NAME, SHAPE, INTERVAL_S, N_SAMPLES = "hall", (200, 200, 25), 300.0, 2016
 NOISE, EVERY = 0.02, 10
-TIME = np.arange(N_SAMPLES) * INTERVAL_S
+TIME = INTERVAL_S * np.arange(N_SAMPLES, dtype=np.float64)
 
 
-def make(ctx: Context, shape: tuple[int, ...] = SHAPE, estimator: str = "auto") -> None:
+def make(ctx: Context, shape: tuple[int, ...] = SHAPE, estimator: EstimatorChoice = "auto") -> None:
     """The location with its compacted history, as if looks at all of it had been posted; not yet updated."""
-    grid = {"frame": "map", "origin": [0.0, 0.0, 0.0], "resolution_m": 0.1, "shape": list(shape)}
-    form = {"name": NAME, "kind": "grid3d", "interval_s": INTERVAL_S, "epoch": 0.0, "grid": grid}
-    create_location(ctx, LocationForm(**form, estimator=estimator))
+    grid = Grid(resolution_m=0.1, shape=list(shape))
+    form = LocationForm(name=NAME, kind="grid3d", interval_s=INTERVAL_S, epoch=0.0, grid=grid, estimator=estimator)
+    create_location(ctx, form)
     location = find_location(ctx, NAME)
     for some in _groups(_segments(prod(shape)), 32):
-        ctx.store.write(lambda work, some=some: work.segments.put(location, some))
+        ctx.store.write(partial(put, location, some))
     for time in (TIME[0], TIME[-1]):
         observe(ctx, NAME, Post(Body(arrow.write(look(time, np.zeros(0, np.uint32), np.array([1])).named()), ARROW)))
+
+
+def put(location: LocationRecord, some: dict[SegmentKey, bytes], work: Work) -> None:
+    """Store some segments."""
+    work.segments.put(location, some)
 
 
 def _segments(n_cells: int) -> Iterator[tuple[SegmentKey, bytes]]:

@@ -1,7 +1,7 @@
 """Timing a piece of work beside its floor."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 
@@ -13,7 +13,7 @@ class Figure:
     floor: float
     aim: float
     unit: str
-    details: dict[str, float | int | str] = field(default_factory=dict)
+    details: Mapping[str, float | int | str] = field(default_factory=dict)
 
     def line(self) -> dict[str, float | int | str]:
         return {

@@ -53,9 +53,9 @@ def _ask(port: int, location: str, pipe: Connection) -> None:
     pipe.send(None)
     while not pipe.poll():
         body = json.dumps({"time": [time.time()], "state": [1]})
-        for kind, request in (("healthz", ("GET", "/healthz")), ("post", ("POST", path, body))):
+        for kind, (method, where, content) in (("healthz", ("GET", "/healthz", None)), ("post", ("POST", path, body))):
             started = time.perf_counter()
-            connection.request(*request, headers={"content-type": "application/json"})
+            connection.request(method, where, content, headers={"content-type": "application/json"})
             answer = connection.getresponse()
             answer.read()
             if answer.status >= 400 and answer.status != 503:

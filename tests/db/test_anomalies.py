@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from threading import Event
 from typing import Any
 
@@ -90,10 +91,14 @@ def test_every_filter_leaves_out_what_it_says(store: Store, location: LocationRe
         assert work.locations.open_anomalies() == {location.id: 3}
 
 
+def acknowledge(by: str, at: float, note: str | None, work: Work) -> AnomalyRecord:
+    return work.anomalies.acknowledge(1, by, at, note)
+
+
 def test_an_acknowledgement_is_kept_and_can_be_replaced(store: Store, location: LocationRecord) -> None:
     store.write(lambda work: work.anomalies.append([event_of(location)]))
     for by, at, note in (("ann", 1.0, "cleaner's trolley"), ("bob", 2.0, None)):
-        found = store.write(lambda work, by=by, at=at, note=note: work.anomalies.acknowledge(1, by, at, note))
+        found = store.write(partial(acknowledge, by, at, note))
         assert (found.acknowledged_by, found.acknowledged_at, found.note) == (by, at, note)
     with pytest.raises(AnomalyNotFoundError):
         store.write(lambda work: work.anomalies.acknowledge(2, "ann", 1.0, None))

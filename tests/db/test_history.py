@@ -74,6 +74,8 @@ class HistoryMachine(RuleBasedStateMachine):
     """Posts of all kinds, compactions, updates, deletions, restarts and crashes in any order."""
 
     url: str
+    truth: Truth
+    retention_s: float | None
 
     def __init__(self) -> None:
         super().__init__()
@@ -201,10 +203,10 @@ class HistoryMachine(RuleBasedStateMachine):
 
     def _make(self) -> None:
         make_location(self.ctx, self.name, SHAPE, epoch=BASE.epoch, interval_s=BASE.interval_s)
-        self.truth: Truth = {}
+        self.truth = {}
         self.posts: list[tuple[str, list[Row]]] = []
         self.measurements = 0
-        self.retention_s: float | None = None
+        self.retention_s = None
 
     def _stored(self, rows: list[Row]) -> None:
         put(self.truth, rows, BASE)

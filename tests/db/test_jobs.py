@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import pytest
 
@@ -9,6 +10,7 @@ from tests.db.test_locations import VALUES
 from tidemap.errors import JobNotFoundError, LocationNotFoundError
 from tidemap.storage.records import LocationRecord
 from tidemap.storage.store import Store
+from tidemap.storage.work import Work
 
 
 @pytest.fixture
@@ -87,11 +89,15 @@ def test_a_transition_needs_the_expected_state(store: Store, location: LocationR
         assert (work.jobs.get(number).state, work.jobs.get(number).finished_at) == ("cancelled", 6.0)
 
 
+def begin(number: int, work: Work) -> None:
+    work.jobs.transition(number, "queued", state="running")
+    work.jobs.progress(number, 0.5)
+
+
 def test_what_was_running_when_the_process_ended_runs_again(store: Store, location: LocationRecord) -> None:
     running, done, waiting = queue(store, location, 3)
     for number in (running, done):
-        store.write(lambda work, number=number: work.jobs.transition(number, "queued", state="running"))
-        store.write(lambda work, number=number: work.jobs.progress(number, 0.5))
+        store.write(partial(begin, number))
     store.write(lambda work: work.jobs.transition(done, "running", state="done", result={"revision": 1}))
     store.write(lambda work: work.jobs.requeue_running())
     with store.read() as work:

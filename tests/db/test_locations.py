@@ -1,5 +1,6 @@
 """The repository of locations: their rows, and that nothing is left of a deleted one."""
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from tidemap.services.context import Context
 from tidemap.services.jobs import request_update
 from tidemap.services.locations import delete_location
 from tidemap.services.update import UpdateRequest
-from tidemap.storage.records import AnomalyRecord
+from tidemap.storage.records import AnomalyRecord, LocationRecord
 from tidemap.storage.store import Store
 from tidemap.storage.tables import metadata
 from tidemap.storage.work import Work
@@ -34,6 +35,11 @@ VALUES: dict[str, Any] = {
     "created_at": NOW,
 }
 OWNED = [table for table in metadata.sorted_tables if "location_id" in table.c]
+
+
+def create(name: str, work: Work) -> LocationRecord:
+    """Store one of this name."""
+    return work.locations.create({**VALUES, "name": name})
 
 
 def count_rows(store: Store, location_id: int) -> dict[str, int]:
@@ -91,7 +97,7 @@ def test_a_change_changes_what_it_names(store: Store) -> None:
 
 def test_the_list_is_sorted_and_goes_on_after_a_name(store: Store) -> None:
     for name in ("b", "C", "a", "B-1", "a.2"):
-        store.write(lambda work, name=name: work.locations.create({**VALUES, "name": name}))
+        store.write(partial(create, name))
     with store.read() as work:
         every = [location.name for location in work.locations.list()]
         pages = [location.name for location in work.locations.list(limit=2)]

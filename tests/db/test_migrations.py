@@ -1,13 +1,12 @@
 """The schema: what the migrations make is what the code expects, and nothing unknown is touched."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.runtime.migration import MigrationContext
-from sqlalchemy import Connection, insert, inspect, select, text, update
-from sqlalchemy.dialects import postgresql
+from sqlalchemy import Connection, create_mock_engine, insert, inspect, select, text, update
 
 from tidemap.errors import DatabaseUnusableError, SchemaVersionError
 from tidemap.storage.engine import open_writer
@@ -41,7 +40,7 @@ def test_the_migrations_make_the_tables_of_the_code(database_url: str) -> None:
 
 
 @pytest.mark.parametrize("again", [migrate_database, prepare_database])
-def test_migrating_again_changes_nothing(database_url: str, again) -> None:
+def test_migrating_again_changes_nothing(database_url: str, again: Callable[[str], None]) -> None:
     with writing(database_url) as connection:
         connection.execute(insert(api_key).values(**KEY))
     again(database_url)
@@ -55,7 +54,7 @@ def test_a_server_prepares_an_empty_database(empty_database_url: str) -> None:
 
 
 @pytest.mark.parametrize("open_", [migrate_database, prepare_database, Store])
-def test_the_schema_of_a_newer_version_is_refused(database_url: str, open_) -> None:
+def test_the_schema_of_a_newer_version_is_refused(database_url: str, open_: Callable[[str], object]) -> None:
     with writing(database_url) as connection:
         connection.execute(text("UPDATE alembic_version SET version_num = '9999'"))
         connection.execute(insert(api_key).values(**KEY))
@@ -67,7 +66,7 @@ def test_the_schema_of_a_newer_version_is_refused(database_url: str, open_) -> N
 
 
 def test_a_postgresql_that_is_too_old_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    dialect = postgresql.dialect()
+    dialect = create_mock_engine("postgresql+psycopg://", lambda *_: None).dialect
     for version in ((14, 0), (17, 2), None):
         monkeypatch.setattr(dialect, "server_version_info", version, raising=False)
         check_server(dialect)

@@ -1,6 +1,7 @@
 """What is pruned, when, and that nothing else goes with it."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -126,14 +127,15 @@ def test_a_location_renamed_before_and_during_its_update_gets_it(ctx: Context) -
     job = request_update(ctx, "lab", UpdateRequest(estimator="static"))
     claimed = claim_job(ctx, frozenset())
     assert claimed is not None
+    location_id = claimed.location_id
     change_location(ctx, "lab", LocationPatch(name="attic"))
 
     class Renaming(Serial):
-        def map(self, run: object, items: object) -> object:
-            for item in items:  # type: ignore[attr-defined]
-                name = find_by_id(ctx, claimed.location_id)
+        def map(self, run: Callable[[Context, Any], Any], items: Iterable[Any]) -> Iterable[Any]:
+            for item in items:
+                name = find_by_id(ctx, location_id)
                 change_location(ctx, name, LocationPatch(name=f"room-{item.chunk}"))
-                yield run(self.ctx, item)  # type: ignore[operator]
+                yield run(self.ctx, item)
 
     run_job(ctx, claimed, Renaming(ctx))
     (done,) = list_jobs(ctx, None, 9)

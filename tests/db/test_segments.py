@@ -82,8 +82,10 @@ def test_two_compactions_at_once_lose_and_double_nothing(ctx: Context) -> None:
     with ThreadPoolExecutor(6) as pool:
         posts = [pool.submit(post_rows, ctx, "lab", rows[n : n + 3]) for n in range(0, 60, 3)]
         compactions = [pool.submit(compact_now, ctx, "lab") for _ in range(12)]
-        for each in (*posts, *compactions):
-            each.result()
+        for post in posts:
+            post.result()
+        for compaction in compactions:
+            compaction.result()
     for _ in range(2):
         for chunk in range(3):
             states = history_of(ctx, "lab", chunk, 0, 60).states()

@@ -1,5 +1,6 @@
 """Spectra and revisions: what is visible, and when."""
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ from sqlalchemy import func, select, update
 from tests.db.test_locations import VALUES
 from tests.support.contexts import make_location, post_rows, refit
 from tidemap.errors import CorruptChunkError
-from tidemap.services.context import Context
+from tidemap.services.context import Context, Loaded
 from tidemap.services.predict import PredictQuery, StateQuery, predict_at, state_at
 from tidemap.services.spectra import fitted
 from tidemap.spectral.recipe import Recipe
@@ -50,9 +51,17 @@ def means(value: float) -> Spectrum:
     return static(np.full(4, value, np.float32), 0.0)
 
 
+def put_chunk(location_id: int, number: int, chunk: int, work: Work) -> None:
+    work.spectra.put_chunk(location_id, number, chunk, means(chunk / 4))
+
+
+def publish(record: RevisionRecord, work: Work) -> None:
+    work.spectra.publish(record)
+
+
 def put(store: Store, location: LocationRecord, number: int, chunks: range = range(2)) -> None:
     for chunk in chunks:
-        store.write(lambda work, chunk=chunk: work.spectra.put_chunk(location.id, number, chunk, means(chunk / 4)))
+        store.write(partial(put_chunk, location.id, number, chunk))
 
 
 def stored(store: Store, location: LocationRecord) -> tuple[int, dict[int, int]]:
@@ -86,7 +95,7 @@ def test_what_is_not_known_of_a_revision_stays_unknown(store: Store, location: L
 def test_earlier_revisions_go(store: Store, location: LocationRecord) -> None:
     for number in (1, 2):
         put(store, location, number)
-        store.write(lambda work, number=number: work.spectra.publish(record_of(location, number)))
+        store.write(partial(publish, record_of(location, number)))
     assert stored(store, location) == (2, {2: 2})
     with store.read() as work:
         assert work.spectra.get(location.id, 1) is None
@@ -106,7 +115,7 @@ def test_a_slower_earlier_update_does_not_hide_a_later_one(store: Store, locatio
     put(store, location, 1)
     put(store, location, 2)
     for number in (2, 1):
-        store.write(lambda work, number=number: work.spectra.publish(record_of(location, number)))
+        store.write(partial(publish, record_of(location, number)))
     assert stored(store, location) == (2, {2: 2})
     with store.read() as work:
         assert list(work.spectra.current().values()) == [record_of(location, 2)]
@@ -177,7 +186,7 @@ def test_an_update_between_asking_and_loading_is_followed(ctx: Context, monkeypa
     load = spectra._load
     calls = []
 
-    def late(*arguments: Any) -> Spectrum:
+    def late(*arguments: Any) -> Loaded:
         calls.append(1)
         if len(calls) == 1:
             refit(ctx, "lab", estimator="fft", order=1)

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from sqlalchemy import Connection, Engine, event, insert, select, text
 
-from tests.db.test_locations import VALUES
+from tests.db.test_locations import create
 from tests.db.test_observations import record_of
 from tests.support.waiting import WAIT_S
 from tidemap.errors import (
@@ -238,9 +238,7 @@ def only_on(engine: Engine, dialect: str) -> None:
 def test_two_processes_in_each_others_way_both_get_through(database_url: str) -> None:
     """Groups that take the same rows in opposite order: PostgreSQL ends one of them after a second."""
     stores = Store(database_url), Store(database_url)
-    locations = [
-        stores[0].write(lambda work, n=n: work.locations.create({**VALUES, "name": f"d{n}"})) for n in range(2)
-    ]
+    locations = [stores[0].write(partial(create, f"d{n}")) for n in range(2)]
 
     def append(location: LocationRecord, then: Event | None = None) -> Run:
         def run(work: Work) -> int | None:

@@ -5,7 +5,7 @@ import json
 import socket
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from functools import cache
 
@@ -112,7 +112,8 @@ def test_a_gigabyte_of_zeros_packed_small(site: Site, shared_server: ServerProce
 @cache
 def bomb(encoding: str) -> bytes:
     member = b"\0" * (GIGABYTE // 100)
-    return {"gzip": gzip.compress, "zstd": zstandard.compress}[encoding](member) * 100
+    packers: dict[str, Callable[[bytes], bytes]] = {"gzip": gzip.compress, "zstd": zstandard.compress}
+    return packers[encoding](member) * 100
 
 
 def test_without_a_key_not_even_a_small_body_is_read(server: StartServer) -> None:

@@ -9,10 +9,11 @@ import numpy as np
 import psutil
 import pytest
 
-from tests.support.contexts import ARROW, arrow
+from tests.support.contexts import arrow
 from tests.support.memory import memory_mb, peak_memory_mb
 from tests.support.server import ServerProcess, StartServer
 from tests.support.waiting import until
+from tidemap.formats.arrow import ARROW
 from tidemap.history.measurements import Measurements
 
 SAMPLES = 760_000
@@ -29,7 +30,7 @@ def door(server: StartServer) -> ServerProcess:
     with httpx.Client(base_url=f"{running.url}/api/v1", trust_env=False, timeout=120) as http:
         form = {"name": "door", "interval_s": 60, "estimator": "calendar"}
         assert http.post("/locations", json=form).status_code == 201
-        minute = np.arange(SAMPLES)
+        minute = np.arange(SAMPLES, dtype=np.float64)
         state = ((minute % 1440 > 480) & (minute % 1440 < 1080)).astype(np.uint8)
         seen = Measurements(60.0 * minute, np.zeros(SAMPLES, np.uint32), state)
         body = bytes(arrow(seen, "state").content)

@@ -8,7 +8,7 @@ from base64 import b64encode
 
 import pytest
 from websockets.exceptions import ConnectionClosed
-from websockets.sync.client import ClientConnection
+from websockets.sync.connection import Connection
 
 from tests.support.memory import memory_mb
 from tests.support.server import StartServer
@@ -145,6 +145,6 @@ def test_a_listener_that_reads_on_is_told_why_it_was_dropped(server: StartServer
     assert "after" in closed.value.rcvd.reason
 
 
-def read_all(connection: ClientConnection) -> None:
+def read_all(connection: Connection) -> None:
     while True:
         connection.recv(timeout=WAIT_S)

@@ -81,7 +81,7 @@ def _ws(url: str) -> str:
     return url.replace("http", "ws", 1)
 
 
-def _close_code(socket: ClientConnection) -> int | None:
+def _close_code(socket: Connection) -> int | None:
     """The code the server closes with, once all it had to say is read."""
     while True:
         try:

@@ -70,7 +70,8 @@ def test_measurements_come_back(rows: list[tuple[float, int, int]]) -> None:
     time, cell, state = (np.array(column) for column in zip(*rows, strict=True)) if rows else (np.empty(0),) * 3
     packed = Measurements(time.astype(float), cell.astype(np.uint32), state.astype(np.uint8))
     found = unpack_measurements(pack_measurements(packed), "test")
-    assert (found.time.dtype, found.cell.dtype, found.state.dtype) == (np.float64, np.uint32, np.uint8)
+    dtypes = [column.dtype for column in (found.time, found.cell, found.state)]
+    assert dtypes == [np.dtype(wanted) for wanted in (np.float64, np.uint32, np.uint8)]
     unpacked = list(zip(found.time.tolist(), found.cell.tolist(), found.state.tolist(), strict=True))
     assert unpacked == rows
 
@@ -115,7 +116,7 @@ def segments(draw: st.DrawFn) -> Segment:
 def test_segments_come_back(segment: Segment) -> None:
     found = unpack_segment(pack_segment(segment), 3, "test")
     assert (found.history.start, found.history.n_samples) == (3 * SEGMENT_SAMPLES, SEGMENT_SAMPLES)
-    pairs = [
+    pairs: list[tuple[np.ndarray, np.ndarray]] = [
         (segment.history.observed, found.history.observed),
         (segment.history.occupied, found.history.occupied),
         (segment.time, found.time),

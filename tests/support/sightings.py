@@ -6,10 +6,12 @@ same samples, in no order, so that most measurements are late and have to make w
 
 import random
 from dataclasses import dataclass
+from functools import partial
 
 from tests.support.truth import Row
-from tidemap.client import Client
+from tidemap.client import Client, Queued
 from tidemap.history.timebase import TimeBase
+from tidemap.schemas.observations import Accepted
 
 BASE = TimeBase(0.0, 64.0)
 SAMPLES = range(4000, 4200)
@@ -53,7 +55,7 @@ class Sighting:
         number, robot = divmod(int(time_s % BASE.interval_s / _STEP_S), 1 << 6)
         return cls(robot, number)
 
-    def post(self, client: Client, key: str | None = None) -> None:
+    def post(self, client: Client[Accepted] | Client[Queued], key: str | None = None) -> None:
         """Observe it."""
         time, cell, state = zip(*self.rows, strict=True)
         cells = None if self.location == "door" else cell
@@ -62,7 +64,9 @@ class Sighting:
 
 def make_locations(url: str) -> None:
     """Make the locations on the server at `url`."""
-    how = {"interval_s": BASE.interval_s, "epoch": BASE.epoch, "estimator": "fft", "order": 2}
     with Client(url) as tidemap:
-        tidemap.create_location("door", **how)
-        tidemap.create_location("lab", kind="grid3d", grid={"resolution_m": 0.5, "shape": list(SHAPE)}, **how)
+        create = partial(
+            tidemap.create_location, interval_s=BASE.interval_s, epoch=BASE.epoch, estimator="fft", order=2
+        )
+        create("door")
+        create("lab", kind="grid3d", grid={"resolution_m": 0.5, "shape": list(SHAPE)})

@@ -8,8 +8,8 @@ from itertools import count
 from typing import Any
 
 import httpx
-from websockets.sync.client import ClientConnection
 from websockets.sync.client import connect as connect_socket
+from websockets.sync.connection import Connection
 
 from tests.support.server import ServerProcess
 from tests.support.waiting import WAIT_S
@@ -33,7 +33,7 @@ class Site:
         self.http.close()
 
     @contextmanager
-    def events(self, query: str = "", **how: Any) -> Iterator[ClientConnection]:
+    def events(self, query: str = "", **how: Any) -> Iterator[Connection]:
         """Connected to the events."""
         address = f"ws://127.0.0.1:{self.server.port}/api/v1/events{query}"
         with connect_socket(address, proxy=None, **how) as connection:
@@ -68,7 +68,7 @@ class Site:
             after = page["next"]
 
 
-def heard(connection: ClientConnection, expected: int = 0) -> list[dict[str, Any]]:
+def heard(connection: Connection, expected: int = 0) -> list[dict[str, Any]]:
     """As many messages as are expected, however long they take, and what comes until nothing has come for a while."""
     messages = listen_for(connection, expected)
     while True:
@@ -78,7 +78,7 @@ def heard(connection: ClientConnection, expected: int = 0) -> list[dict[str, Any
             return messages
 
 
-def listen_for(connection: ClientConnection, number: int, seconds: float = WAIT_S) -> list[dict[str, Any]]:
+def listen_for(connection: Connection, number: int, seconds: float = WAIT_S) -> list[dict[str, Any]]:
     """The next messages."""
     deadline = time.monotonic() + seconds
     return [json.loads(connection.recv(timeout=deadline - time.monotonic())) for _ in range(number)]

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from typing import Any
 
 import httpx
 import numpy as np
@@ -60,11 +61,11 @@ def make_grid(url: str, name: str, days: int = DAYS) -> datetime:
     return moments[-1]
 
 
-def post(url: str, path: str, body: object) -> dict[str, object]:
+def post(url: str, path: str, body: object) -> dict[str, Any]:
     """POST JSON to the API and return the answer."""
     answer = httpx.post(f"{url}/api/v1{path}", json=body, timeout=90, trust_env=False)
     assert answer.is_success, answer.text
-    found: dict[str, object] = answer.json()
+    found: dict[str, Any] = answer.json()
     return found
 
 
@@ -95,11 +96,11 @@ class Viewer:
             page.get_by_label("Grey what is always occupied").uncheck()
         return viewer
 
-    def session(self) -> dict[str, object]:
+    def session(self) -> dict[str, Any]:
         """What the server says of this tab."""
         token = self.page.evaluate("document.body.dataset.token")
         sessions = httpx.get(f"{self.url}/view/sessions", trust_env=False).json()
-        nothing = {"updates": 0, "idle": False, "time": None, "location": None}
+        nothing: dict[str, Any] = {"updates": 0, "idle": False, "time": None, "location": None}
         return next((each for each in sessions if each["session"] == token[:6]), nothing)
 
     def go(self, moment: datetime) -> None:

@@ -10,7 +10,7 @@ WAIT_S = 120.0
 """Long enough for a machine that is ten times slower."""
 
 
-def until(condition: Callable[[], Value]) -> Value:
+def until(condition: Callable[[], Value | None]) -> Value:
     """Wait until it holds; what it says then."""
     deadline = time.monotonic() + WAIT_S
     while not (value := condition()):

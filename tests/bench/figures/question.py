@@ -1,6 +1,7 @@
 """question: CPU of a server for the whole state of 10^6 cells as Arrow by HTTP, against the same bytes from memory."""
 
 import tempfile
+from functools import partial
 from math import prod
 from pathlib import Path
 
@@ -13,12 +14,13 @@ from tests.bench.timing import Figure, quantile
 from tests.support.contexts import opened
 from tests.support.server import ServerProcess
 from tidemap.media_types import ARROW
-from tidemap.schemas.locations import LocationForm
+from tidemap.schemas.locations import Grid, LocationForm
 from tidemap.services.context import Context
 from tidemap.services.locations import create_location, find_location
 from tidemap.spectral.recipe import Recipe
 from tidemap.spectral.spectrum import Spectrum
 from tidemap.storage.records import CHUNK_CELLS, RevisionRecord
+from tidemap.storage.work import Work
 
 NAME, SHAPE, EVERY, ORDER, WEEK_S = "hall", (200, 200, 25), 10, 15, 604_800.0
 ENVIRONMENT = {"TIDEMAP_UPDATER": "false", "TIDEMAP_VIEWER": "false", "TIDEMAP_LOG_LEVEL": "warning"}
@@ -39,15 +41,20 @@ def measure(shape: tuple[int, ...] = SHAPE, questions: int = QUESTIONS) -> Figur
 
 def prepare(ctx: Context, shape: tuple[int, ...]) -> None:
     """A location with a revision: a tenth of its cells have 15 components of a week, the others a mean."""
-    grid = {"frame": "map", "origin": [0.0, 0.0, 0.0], "resolution_m": 0.1, "shape": list(shape)}
+    grid = Grid(resolution_m=0.1, shape=list(shape))
     create_location(ctx, LocationForm(name=NAME, kind="grid3d", interval_s=300.0, estimator="fft", order=15, grid=grid))
     location = find_location(ctx, NAME)
     random = np.random.default_rng(2)
     for chunk, first in enumerate(range(0, prod(shape), CHUNK_CELLS)):
         part = some(random, min(CHUNK_CELLS, prod(shape) - first))
-        ctx.store.write(lambda work, chunk=chunk, part=part: work.spectra.put_chunk(location.id, 1, chunk, part))
+        ctx.store.write(partial(put, location.id, chunk, part))
     record = RevisionRecord(location.id, 1, Recipe("fft", ORDER, "UTC"), 0, 2016, 0, 0, None, 0.0, None)
     ctx.store.write(lambda work: work.spectra.publish(record))
+
+
+def put(location_id: int, chunk: int, part: Spectrum, work: Work) -> None:
+    """Store a chunk of the revision."""
+    work.spectra.put_chunk(location_id, 1, chunk, part)
 
 
 def some(random: np.random.Generator, n_cells: int) -> Spectrum:

@@ -4,6 +4,7 @@ import sqlite3
 import tempfile
 import time
 import zlib
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import zstandard
 
 from tests.bench.databases import sqlite
 from tests.bench.figures.year import year_of_cells
+from tests.bench.million import put
 from tests.bench.timing import Figure
 from tests.support.contexts import opened
 from tests.support.memory import memory_mb, peak_memory_mb
@@ -20,7 +22,7 @@ from tidemap.client.encoding import look
 from tidemap.formats.registry import Body
 from tidemap.history.segment import SEGMENT_SAMPLES, Segment
 from tidemap.media_types import ARROW
-from tidemap.schemas.locations import LocationForm
+from tidemap.schemas.locations import Grid, LocationForm
 from tidemap.services.context import Context
 from tidemap.services.locations import create_location, find_location
 from tidemap.services.observe import observe
@@ -52,10 +54,12 @@ def measure(shape: tuple[int, int, int] = SHAPE) -> Figure:
             peak = peak_memory_mb(server.process.pid)
         finally:
             server.stop()
+    assert location.first_time is not None
+    assert location.last_time is not None
     details: dict[str, float | int | str] = {
         "state": job.state,
         "cells": int(np.prod(shape)),
-        "samples": int((location.last_time - location.first_time) / INTERVAL_S) + 1 if location.last_time else 0,
+        "samples": int((location.last_time - location.first_time) / INTERVAL_S) + 1,
         "peak_mb": round(peak - before),
     }
     return Figure(took, floor, 100.0, "s", details)
@@ -63,18 +67,18 @@ def measure(shape: tuple[int, int, int] = SHAPE) -> Figure:
 
 def prepare(ctx: Context, shape: tuple[int, int, int]) -> None:
     """Every chunk is whole and has the same history."""
-    grid = {"frame": "map", "origin": [0.0, 0.0, 0.0], "resolution_m": 0.1, "shape": list(shape)}
-    form = {"name": NAME, "kind": "grid3d", "interval_s": INTERVAL_S, "epoch": 0.0, "grid": grid}
-    create_location(ctx, LocationForm(**form, estimator="calendar"))
+    grid = Grid(resolution_m=0.1, shape=list(shape))
+    form = LocationForm(name=NAME, kind="grid3d", interval_s=INTERVAL_S, epoch=0.0, grid=grid, estimator="calendar")
+    create_location(ctx, form)
     location = find_location(ctx, NAME)
     year = year_of_cells(CHUNK_CELLS)
     for number in range(-(-year.n_samples // SEGMENT_SAMPLES)):
         start = number * SEGMENT_SAMPLES
         part = year.window(start, start + SEGMENT_SAMPLES)
-        times = np.arange(start, min(year.n_samples, start + SEGMENT_SAMPLES)) * INTERVAL_S
+        times = INTERVAL_S * np.arange(start, min(year.n_samples, start + SEGMENT_SAMPLES), dtype=np.float64)
         blob = pack_segment(Segment(part, times, None))
         some = {(chunk, number): blob for chunk in range(location.n_chunks)}
-        ctx.store.write(lambda work, some=some: work.segments.put(location, some))
+        ctx.store.write(partial(put, location, some))
     for time_s in (0.0, (year.n_samples - 1) * INTERVAL_S):
         observe(ctx, NAME, Post(Body(arrow.write(look(time_s, np.zeros(0, np.uint32), np.array([1])).named()), ARROW)))
 

@@ -8,12 +8,12 @@ from fastapi.exceptions import RequestValidationError
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tidemap.api import forms
 from tidemap.api.forms import read_form
 from tidemap.errors import InvalidInputError, UnreadableBodyError
+from tidemap.json_text import PIECE_BYTES
 from tidemap.schemas.maps import EvaluateForm, PredictForm
 
-LONG = 5 * forms.PIECE_BYTES
+LONG = 5 * PIECE_BYTES
 TIMES = st.one_of(
     st.lists(st.floats(-1e9, 1e9) | st.integers(-(10**9), 10**9), min_size=1, max_size=30),
     st.lists(st.sampled_from(["2026-03-01T09:00:00Z", "2026-03-01T09:00:00+01:00", "17"]), min_size=1, max_size=30),
@@ -23,9 +23,9 @@ TIMES = st.one_of(
 
 @given(times=TIMES, separators=st.sampled_from([(",", ":"), (", ", ": "), (" ,\n", " : ")]))
 def test_a_long_form_says_what_a_short_one_says(times: list[Any], separators: tuple[str, str]) -> None:
-    many = times * (1 + forms.PIECE_BYTES // len(json.dumps(times)) * 3)
+    many = times * (1 + PIECE_BYTES // len(json.dumps(times)) * 3)
     content = json.dumps({"confidence": 0.75, "time": many}, separators=separators).encode()
-    assert len(content) > forms.PIECE_BYTES
+    assert len(content) > PIECE_BYTES
     short = read_form(json.dumps({"time": times}).encode(), PredictForm)
     long = read_form(content, PredictForm)
     assert long.time == short.time * (len(many) // len(times))
@@ -54,7 +54,7 @@ def test_what_is_wrong_with_a_long_form_is_said(content: bytes, error: type[Exce
 
 
 def test_several_columns_of_a_form() -> None:
-    n = forms.PIECE_BYTES
+    n = PIECE_BYTES
     content = json.dumps({"orders": [0], "time": list(range(n)), "state": [k % 2 for k in range(n)]}).encode()
     form = read_form(content, EvaluateForm)
     assert form.time == [float(k) for k in range(n)]

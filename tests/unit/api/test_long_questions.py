@@ -70,7 +70,11 @@ def test_a_stopping_server_begins_nothing() -> None:
 
 
 def test_the_answer_comes_back() -> None:
+    def compute(check: Check) -> int:
+        check()
+        return 7
+
     async def scenario() -> int:
-        return await answered(Asker(), lambda check: 7 if check() is None else 0)  # type: ignore[arg-type]
+        return await answered(Asker(), compute)  # type: ignore[arg-type]
 
     assert asyncio.run(scenario()) == 7

@@ -140,7 +140,7 @@ def test_retry_ends_when_nothing_comes_back(read: Read) -> None:
 
 @both
 def test_connections_that_end_without_a_message_are_no_failures(read: Read) -> None:
-    quiet = [(1001, [])] * (3 * QUICK.tries)
+    quiet: list[tuple[int, list[str]]] = [(1001, [])] * (3 * QUICK.tries)
     with streaming(*quiet, (1001, [message("anomaly", 8)])) as stream:
         assert [each.id for each in read(stream.url, 1)] == [8]
     assert len(stream.queries) == len(quiet) + 1

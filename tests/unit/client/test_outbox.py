@@ -204,7 +204,7 @@ def test_cells_as_rows_need_no_server(path: Path) -> None:
         with pytest.raises(ValueError, match="a state is 0"):
             lab.observe([1], [2], [[0, 0, 1]])
         with pytest.raises(ValueError, match="whole numbers"):
-            lab.observe([1], [1], [[0, 0, 0.5]])
+            lab.observe([1], [1], [[0, 0, 0.5]])  # type: ignore[arg-type]
         assert robot.outbox.pending.batches == 0
     assert [json.loads(request.content)["observations"] for request in script.received] == [
         [

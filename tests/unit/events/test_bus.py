@@ -13,7 +13,9 @@ def message(number: int) -> EventMessage:
 
 
 def test_every_listener_hears_every_message_in_order() -> None:
-    bus, first, second = Bus(), [], []
+    bus = Bus()
+    first: list[EventMessage] = []
+    second: list[EventMessage] = []
     bus.subscribe(first.append)
     bus.publish(message(1))
     bus.subscribe(second.append)
@@ -23,7 +25,9 @@ def test_every_listener_hears_every_message_in_order() -> None:
 
 
 def test_who_unsubscribed_hears_no_more() -> None:
-    bus, heard, others = Bus(), [], []
+    bus = Bus()
+    heard: list[EventMessage] = []
+    others: list[EventMessage] = []
     unsubscribe = bus.subscribe(heard.append)
     bus.subscribe(others.append)
     unsubscribe()
@@ -34,7 +38,8 @@ def test_who_unsubscribed_hears_no_more() -> None:
 
 
 def test_a_listener_that_fails_is_logged_and_keeps_nobody_from_hearing(caplog: pytest.LogCaptureFixture) -> None:
-    bus, heard = Bus(), []
+    bus = Bus()
+    heard: list[EventMessage] = []
 
     def fail(_: EventMessage) -> None:
         raise ValueError("deaf")
@@ -47,7 +52,8 @@ def test_a_listener_that_fails_is_logged_and_keeps_nobody_from_hearing(caplog: p
 
 
 def test_a_listener_may_unsubscribe_itself_or_subscribe_others_while_it_hears() -> None:
-    bus, heard = Bus(), []
+    bus = Bus()
+    heard: list[EventMessage] = []
 
     def once(each: EventMessage) -> None:
         heard.append(each)
@@ -61,7 +67,8 @@ def test_a_listener_may_unsubscribe_itself_or_subscribe_others_while_it_hears() 
 
 
 def test_listeners_come_and_go_from_many_threads() -> None:
-    bus, heard = Bus(), []
+    bus = Bus()
+    heard: list[EventMessage] = []
     bus.subscribe(heard.append)
 
     def come_and_go() -> None:

@@ -1,5 +1,7 @@
 """What repeats in bit planes, against the same said with dense arrays."""
 
+from random import Random
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -34,7 +36,7 @@ def test_a_transposed_plane_has_its_columns_as_rows(plane: np.ndarray) -> None:
 
 @few
 @given(planes, st.randoms(use_true_random=False))
-def test_a_state_stands_until_the_next_that_was_observed(observed: np.ndarray, random) -> None:
+def test_a_state_stands_until_the_next_that_was_observed(observed: np.ndarray, random: Random) -> None:
     occupied = observed & np.frombuffer(random.randbytes(observed.size), np.uint8).reshape(observed.shape)
     found = dense(fill_unobserved(observed, occupied))
     for seen, full, states in zip(dense(observed), dense(occupied), found, strict=True):

@@ -24,7 +24,7 @@ def exchange(*parts: bytes, census: Census | None = None) -> bytes:
     """Send requests to a connection of this protocol, each after the answer before, and read until it is closed."""
 
     async def scenario() -> bytes:
-        config = uvicorn.Config(answer_at_once, log_config=None, lifespan="off")  # type: ignore[arg-type]
+        config = uvicorn.Config(answer_at_once, log_config=None, lifespan="off")
         state, open_ = ServerState(), census or Census(10, 10)
 
         def make() -> asyncio.Protocol:

@@ -11,6 +11,7 @@ from tidemap.services import history
 from tidemap.services.context import Context
 from tidemap.services.history import read_compacted
 from tidemap.services.locations import find_location
+from tidemap.storage.blobs import unpack_measurements
 from tidemap.storage.repositories import observations
 
 
@@ -18,7 +19,7 @@ from tidemap.storage.repositories import observations
 def read(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The numbers of the observations that are unpacked."""
     read: list[str] = []
-    unpack = observations.unpack_measurements
+    unpack = unpack_measurements
 
     def unpack_and_note(payload: bytes, what: str) -> Measurements:
         read.append(what.split()[1])

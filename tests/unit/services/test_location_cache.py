@@ -21,6 +21,9 @@ class Readings:
     def get(self, name: str = "door") -> Any:
         return self.locations.get(name, self.read)
 
+    def lately(self, name: str = "door") -> Any:
+        return self.locations.lately(name)
+
 
 def test_a_record_is_read_once_in_a_while() -> None:
     readings = Readings()
@@ -34,7 +37,7 @@ def test_what_was_read_long_ago_is_known_until_something_changes() -> None:
     assert readings.locations.lately("door") is None
     readings.get()
     readings.now += 100 * BELIEVED_S
-    assert readings.locations.lately("door") == ("door", 1)
+    assert readings.lately() == ("door", 1)
     readings.locations.forget()
     assert readings.locations.lately("door") is None
 
@@ -54,7 +57,8 @@ def test_what_was_read_before_a_change_is_not_believed_after_it() -> None:
         readings.locations.forget()
         return record
 
-    assert readings.locations.get("door", read) == ("door", 1)
+    found: Any = readings.locations.get("door", read)
+    assert found == ("door", 1)
     assert readings.get() == ("door", 2)
 
 

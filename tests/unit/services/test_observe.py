@@ -10,6 +10,7 @@ import pytest
 from tests.support.contexts import NOW, history_of, make_location, post_rows, post_states, refit
 from tests.support.waiting import WAIT_S
 from tidemap.errors import (
+    DomainError,
     IdempotencyConflictError,
     InvalidInputError,
     LocationNotFoundError,
@@ -85,7 +86,9 @@ def test_a_key_with_another_body_is_a_conflict_and_stores_nothing(ctx: Context) 
         (Body(b"1;1", "text/csv"), UnsupportedMediaTypeError),
     ],
 )
-def test_a_refused_post_stores_nothing_and_keeps_its_key_free(ctx: Context, body: Body, error) -> None:
+def test_a_refused_post_stores_nothing_and_keeps_its_key_free(
+    ctx: Context, body: Body, error: type[DomainError]
+) -> None:
     make_location(ctx, "door")
     with pytest.raises(error):
         observe(ctx, "door", Post(body, None, "k"))
@@ -261,7 +264,8 @@ def test_of_posts_in_one_group_only_those_that_are_wrong_are_refused(ctx: Contex
     deleted = ctx.store.submit(lambda work: work.locations.delete("attic"))
     futures = [begin(ctx, name, post) for name, post in posts]
     go_on.set()
-    wait([*futures, deleted], WAIT_S)
+    wait(futures, WAIT_S)
+    wait([deleted], WAIT_S)
     refused = [type(future.exception()) for future in futures]
     assert refused == [
         type(None),

@@ -1,5 +1,6 @@
 """One context serves many threads at once: posts, questions, updates and compactions, all at the same time."""
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -16,6 +17,7 @@ from tidemap.services.locations import get_location, list_locations
 from tidemap.services.predict import PredictQuery, StateQuery, predict_at, state_at
 from tidemap.services.series import SeriesQuery, series
 
+Job = tuple[Callable[[Context, int], None], int]
 CELLS = (3, 900, 1030, 1599)
 
 
@@ -31,7 +33,7 @@ def test_answers_are_right_while_everything_happens_at_once(sqlite_url: str, cac
         for n in range(20):
             post_rows(ctx, "lab", rows_of(n))
         refit(ctx, "lab", estimator="fft", order=3)
-        jobs = [(act, n) for n in range(20, 50) for act in (post, ask, ask)]
+        jobs: list[Job] = [(act, n) for n in range(20, 50) for act in (post, ask, ask)]
         jobs += [(update, n) for n in range(3)] + [(compaction, n) for n in range(6)]
         np.random.default_rng(1).shuffle(jobs)
         with ThreadPoolExecutor(8) as pool:

@@ -28,10 +28,10 @@ def histogram(
     location, asked = (((each % 86_400) // bin_s).astype(int) for each in (tau_s, ahead_s))
     day = _rate(location, state, np.full(n_bins, mean), weight)
     if kind == "day":
-        return day[asked]
+        return np.asarray(day[asked])
     group, wanted = (_group(each, kind) for each in (tau_s, ahead_s))
     prior = np.tile(day, 7)
-    return _rate(group * n_bins + location, state, prior, weight)[wanted * n_bins + asked]
+    return np.asarray(_rate(group * n_bins + location, state, prior, weight)[wanted * n_bins + asked])
 
 
 def _group(tau_s: NDArray[np.float64], kind: Kind) -> NDArray[np.int64]:

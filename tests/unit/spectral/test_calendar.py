@@ -3,6 +3,7 @@
 import json
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from tidemap.spectral.estimators import ESTIMATORS, fit, fit_recipe
 from tidemap.spectral.evaluation import score
 from tidemap.spectral.model import reconstruct, refit
 from tidemap.spectral.prediction import predict_slow, predict_times
-from tidemap.spectral.recipe import PRIORS, Prior, Recipe
+from tidemap.spectral.recipe import PRIORS, Prior, Recipe, Week
 from tidemap.spectral.reconstruction import predicted_words
 from tidemap.spectral.spectrum import Spectrum, components, truncate
 
@@ -269,9 +270,10 @@ def test_recipes_come_back_from_json() -> None:
     assert (again, hash(again)) == (recipe, hash(recipe))
     older = {name: value for name, value in Recipe("calendar").as_dict().items() if name not in ("follow", "doubt")}
     assert Recipe.from_dict(older) == Recipe("calendar"), "as stored before levels were followed"
-    for wrong in ({"evidence": 0.0}, {"half_life_days": -1.0}, {"weight": math.inf}):
+    wrong_priors = partial(Prior, evidence=0.0), partial(Prior, half_life_days=-1.0), partial(Prior, weight=math.inf)
+    for make in wrong_priors:
         with pytest.raises(ValueError, match="positive"):
-            Prior(**wrong)
+            make()
     with pytest.raises(ValueError, match="negative"):
         Recipe("calendar", -1)
     with pytest.raises(ValueError, match="prior"):
@@ -281,7 +283,8 @@ def test_recipes_come_back_from_json() -> None:
 
 
 def test_priors_differ_in_what_they_let_differ() -> None:
-    for week, kinds in (("day", {0}), ("weekend", {0, 1}), ("week", {0, 1, 2}), ("days", {0, 1, 2})):
+    differing: dict[Week, set[int]] = {"day": {0}, "weekend": {0, 1}, "week": {0, 1, 2}, "days": {0, 1, 2}}
+    for week, kinds in differing.items():
         variance = waves.variances(Prior(week=week))
         assert set(waves.KIND[variance > 0]) == kinds
         assert variance[waves.KIND == 0].sum() == pytest.approx(waves.SCALE**2)

@@ -16,11 +16,12 @@ def slow_coefficients(states: np.ndarray) -> np.ndarray:
     """(F[mask s] - m F[mask]) / N of one cell, DC zero, Nyquist halved."""
     mask = states != 2
     mean = states[mask].mean()
-    transformed = np.fft.rfft(mask * (states == 1)) - mean * np.fft.rfft(mask)
+    transformed: np.ndarray = np.fft.rfft(mask * (states == 1)) - mean * np.fft.rfft(mask)
     transformed[0] = 0
     if states.size % 2 == 0:
         transformed[-1] /= 2
-    return transformed / mask.sum()
+    transformed /= mask.sum()
+    return transformed
 
 
 def dense(spectrum: Spectrum, cell: int, n_samples: int) -> np.ndarray:

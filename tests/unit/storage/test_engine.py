@@ -1,6 +1,8 @@
 """SQLite is opened as it must be: everything reaches the disk, and writers wait for each other."""
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
 from sqlalchemy import Engine, insert, select, text
@@ -18,7 +20,7 @@ def pragma(engine: Engine, name: str) -> object:
 
 
 @pytest.mark.parametrize("open_", [open_reader, open_writer])
-def test_every_connection_is_set_up(sqlite_url: str, open_) -> None:
+def test_every_connection_is_set_up(sqlite_url: str, open_: Callable[[str], Engine]) -> None:
     engine = open_(sqlite_url)
     full, on = 2, 1
     for name, value in (("journal_mode", "wal"), ("synchronous", full), ("foreign_keys", on), ("busy_timeout", 10_000)):
@@ -53,13 +55,13 @@ def test_writers_of_several_processes_wait_for_each_other(sqlite_url: str) -> No
         engine.dispose()
 
 
-def test_the_folder_of_the_database_is_made(tmp_path) -> None:
+def test_the_folder_of_the_database_is_made(tmp_path: Path) -> None:
     url = f"sqlite:///{tmp_path}/some/where/tidemap.db"
     migrate_database(url)
     Store(url).close()
 
 
-def test_a_store_that_cannot_be_opened_keeps_no_connection(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_store_that_cannot_be_opened_keeps_no_connection(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     opened = []
 
     def watched(url: str) -> Engine:

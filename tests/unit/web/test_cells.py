@@ -1,5 +1,7 @@
 """Which cells are shown in which colour."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -42,10 +44,14 @@ def test_observed_cells_are_occupied_unexpected_missing_or_stale() -> None:
 
 
 def test_the_confidence_decides_what_is_marked() -> None:
-    state = {"probability": np.array([0.3], np.float32), "cell": np.array([0])}
-    seen = {"observed": np.array([1], np.uint8), "observed_time": np.array([NOW])}
-    assert paint(FakeState(**state, **seen, confidence=0.6)).unexpected == 1
-    assert paint(FakeState(**state, **seen, confidence=0.8)).unexpected == 0
+    state = FakeState(
+        cell=np.array([0]),
+        probability=np.array([0.3], np.float32),
+        observed=np.array([1], np.uint8),
+        observed_time=np.array([NOW]),
+    )
+    assert paint(replace(state, confidence=0.6)).unexpected == 1
+    assert paint(replace(state, confidence=0.8)).unexpected == 0
 
 
 def test_what_is_always_occupied_is_grey_and_lighter_where_it_is_higher() -> None:

@@ -53,7 +53,10 @@ def test_the_nearest_square_under_the_pointer_is_picked() -> None:
     for aim, hit in ((0, 0), (1, 1), (2, 1)):  # the third is right behind the second
         origin = centre[aim] - np.array([0.0, 5.0, 0.0])
         ray = Ray(origin, np.array([0.0, 1.0, 0.0]), SOUTHERN)
-        assert first_hit(ray, centre, 0.08) == (pytest.approx(centre[hit][1] - origin[1]), hit)
+        found = first_hit(ray, centre, 0.08)
+        assert found is not None
+        assert found[0] == pytest.approx(centre[hit][1] - origin[1])
+        assert found[1] == hit
     past = Ray(centre[0] + np.array([5.0, -5.0, 0.0]), np.array([0.0, 1.0, 0.0]), SOUTHERN)
     assert first_hit(past, centre, 0.08) is None
 

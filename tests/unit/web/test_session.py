@@ -4,13 +4,15 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import pytest
+import viser
 
 from tests.support.waiting import WAIT_S
 from tests.unit.web.states import NOW, FakeSource, location
 from tidemap_web.viewer.messages import Aim, Select, ViewRequest, parse
+from tidemap_web.viewer.scene import Scene
 from tidemap_web.viewer.session import Session
 
 
@@ -37,11 +39,11 @@ class Page:
             return found() or {}
 
 
-class FakeScene:
+class FakeScene(Scene):
     """Counts what is drawn; `gate` holds updates back until it is set, as a slow browser does."""
 
     def __init__(self) -> None:
-        self.client = SimpleNamespace(atomic=self._atomic, flush=lambda: None)
+        self.client = cast(viser.ClientHandle, SimpleNamespace(atomic=self._atomic, flush=lambda: None))
         self.layout: Any = None
         self.drawn: list[str] = []
         self.gate = threading.Event()

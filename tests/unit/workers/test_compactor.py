@@ -26,11 +26,13 @@ from tests.support.contexts import (
 from tests.support.waiting import WAIT_S, until
 from tidemap.errors import ShuttingDownError
 from tidemap.history.history import UNOBSERVED
+from tidemap.history.segment import merge
 from tidemap.services import compaction
 from tidemap.services.context import Context
 from tidemap.services.jobs import request_update
 from tidemap.services.locations import find_location
 from tidemap.services.update import UpdateRequest
+from tidemap.services.update_task import run_task
 from tidemap.storage.records import LocationRecord
 from tidemap.storage.tables import history, observation
 from tidemap.storage.work import Work
@@ -209,7 +211,7 @@ def test_it_works_while_an_update_runs(lively: Context, monkeypatch: pytest.Monk
     from tidemap.services import update
 
     begun, go_on = Event(), Event()
-    fit = update.run_task
+    fit = run_task
 
     def slow(*arguments: Any) -> Any:
         begun.set()
@@ -239,7 +241,6 @@ def test_told_to_stop_in_a_round_it_stores_nothing_of_that_and_loses_nothing(
     lively: Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     begun, merged = Event(), []
-    merge = compaction.merge
 
     def slow(*arguments: Any) -> Any:
         merged.append(1)

@@ -23,7 +23,13 @@ from tests.support.contexts import (
     post_states,
 )
 from tests.support.waiting import WAIT_S, until
-from tidemap.errors import JobFinishedError, JobNotFoundError, QueueFullError, StorageUnavailableError
+from tidemap.errors import (
+    CorruptChunkError,
+    JobFinishedError,
+    JobNotFoundError,
+    QueueFullError,
+    StorageUnavailableError,
+)
 from tidemap.events.messages import EventMessage
 from tidemap.schemas.jobs import Job
 from tidemap.services import jobs as jobs_service
@@ -31,7 +37,8 @@ from tidemap.services.context import Context
 from tidemap.services.jobs import cancel_job, claim_job, get_job, list_jobs, request_update
 from tidemap.services.locations import delete_location, find_location, get_location
 from tidemap.services.predict import StateQuery, state_at
-from tidemap.services.update import UpdateRequest
+from tidemap.services.update import UpdateRequest, run_update
+from tidemap.services.update_task import ChunkFit, run_task
 from tidemap.spectral.recipe import Recipe
 from tidemap.storage.records import JobRecord, LocationRecord, RevisionRecord
 from tidemap.storage.repositories.jobs import JobRepository
@@ -175,7 +182,7 @@ def test_the_location_of_a_running_job_may_be_deleted(ctx: Context, monkeypatch:
         make_location(ctx, name)
         post_states(ctx, name, [0.0, 60.0], [0, 1])
     begun, go_on = Event(), Event()
-    fit = jobs_service.run_update
+    fit = run_update
 
     def slow(*arguments: Any) -> RevisionRecord:
         begun.set()
@@ -220,9 +227,9 @@ def test_a_job_that_the_end_interrupts_runs_again_at_the_next_start(
     from tidemap.services import update
 
     begun, go_on = Event(), Event()
-    fit = update.run_task
+    fit = run_task
 
-    def slow(*arguments: Any) -> tuple[int, int]:
+    def slow(*arguments: Any) -> ChunkFit | CorruptChunkError:
         begun.set()
         go_on.wait(WAIT_S)
         return fit(*arguments)
@@ -242,6 +249,7 @@ def test_a_job_that_the_end_interrupts_runs_again_at_the_next_start(
     with opened(sqlite_url) as ctx, working(ctx):
         done = until(lambda: finished(ctx, job.id))
         assert done.state == "done"
+        assert done.result is not None
         assert get_location(ctx, "lab").revision == done.result["revision"]
 
 
