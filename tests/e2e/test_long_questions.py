@@ -13,8 +13,8 @@ from tests.support.contexts import arrow
 from tests.support.memory import memory_mb, peak_memory_mb
 from tests.support.server import ServerProcess, StartServer
 from tests.support.waiting import until
-from tidemap.formats.arrow import ARROW
 from tidemap.history.measurements import Measurements
+from tidemap.media_types import ARROW
 
 SAMPLES = 760_000
 CANCELLED_CPU_S = 8.0

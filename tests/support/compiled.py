@@ -9,7 +9,8 @@ from numba.core.dispatcher import Dispatcher
 
 from tests.bench import lab
 from tests.support.contexts import Clock, compact_now, make_location, opened, post_states, refit
-from tidemap.ingest.observation import ARROW, Body
+from tidemap.formats.registry import Body
+from tidemap.media_types import ARROW
 from tidemap.services.detect import DetectQuery, detect
 from tidemap.services.observe import observe
 from tidemap.services.posts import Post

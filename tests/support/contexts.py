@@ -5,6 +5,7 @@ from contextlib import AbstractContextManager, contextmanager
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tests.support.truth import Row, measurements_of
 from tidemap.formats.arrow import write
@@ -86,7 +87,11 @@ def make_location(ctx: Context, name: str = "lab", shape: Sequence[int] | None =
 
 def arrow(measurements: Measurements, kind: str = "grid3d") -> Body:
     """The body of a post."""
-    columns = {"time": measurements.time, "cell": measurements.cell, "state": measurements.state}
+    columns: dict[str, NDArray[Any]] = {
+        "time": measurements.time,
+        "cell": measurements.cell,
+        "state": measurements.state,
+    }
     if kind == "state":
         del columns["cell"]
     return Body(bytes(write({}, columns)), ARROW)

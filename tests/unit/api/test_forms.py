@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tidemap.api.forms import read_form
 from tidemap.errors import InvalidInputError, UnreadableBodyError
-from tidemap.json_text import PIECE_BYTES
+from tidemap.formats.json_columns.text import PIECE_BYTES
 from tidemap.schemas.maps import EvaluateForm, PredictForm
 
 LONG = 5 * PIECE_BYTES
