@@ -9,6 +9,7 @@ import sqlite3
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
+from http.client import HTTPConnection
 
 import httpx
 import numpy as np
@@ -107,6 +108,17 @@ def test_a_sender_that_never_ends_does_not_keep_it_from_stopping(running: Server
     running.restart()
     with api(running) as http:
         assert http.get("/locations/door").json()["observations"] == 0
+
+
+def test_waiting_for_a_job_ends_when_the_server_stops(running: ServerProcess) -> None:
+    with api(running) as http:
+        job = http.post("/locations/door/update", json={}).json()
+    with closing(HTTPConnection("127.0.0.1", running.port, timeout=WAIT_S)) as waiting:
+        waiting.request("GET", f"/api/v1/jobs/{job['id']}?wait=300")
+        until_reading(running)
+        assert running.stop() == 0
+        answer = waiting.getresponse()
+        assert (answer.status, json.load(answer)["id"]) == (200, job["id"])
 
 
 GRID = {"frame": "map", "origin": [0, 0, 0], "resolution_m": 0.1, "shape": [100, 100, 20]}

@@ -1,13 +1,12 @@
 """Long questions: answered in a thread, a few at a time, for as long as somebody waits for the answer."""
 
-import asyncio
 from collections.abc import Callable
-from threading import Event
 from typing import TypeVar
 
 import anyio.to_thread
 from starlette.requests import Request
 
+from tidemap.api.askers import asker_left
 from tidemap.api.state import state_of
 from tidemap.errors import AskerLeftError, ShuttingDownError
 
@@ -21,27 +20,17 @@ async def answered(request: Request, work: Callable[[Check], Result]) -> Result:
 
     It ends soon after the asker has left (AskerLeftError) or the server stops (ShuttingDownError). Read the body first.
     """
-    state, left = state_of(request), Event()
+    state = state_of(request)
+    async with asker_left(request) as left:
 
-    def check() -> None:
-        if state.stopping.is_set():
-            raise ShuttingDownError
-        if left.is_set():
-            raise AskerLeftError
+        def check() -> None:
+            if state.stopping.is_set():
+                raise ShuttingDownError
+            if left.is_set():
+                raise AskerLeftError
 
-    def begin() -> Result:
-        check()
-        return work(check)
+        def begin() -> Result:
+            check()
+            return work(check)
 
-    async def watch() -> None:
-        while (await request.receive())["type"] != "http.disconnect":
-            pass
-        left.set()
-
-    watcher = asyncio.create_task(watch())
-    try:
         return await anyio.to_thread.run_sync(begin, limiter=state.long_questions)
-    finally:
-        # Also where this task is cancelled: the thread is not.
-        left.set()
-        watcher.cancel()

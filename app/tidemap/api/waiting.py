@@ -4,19 +4,25 @@ import asyncio
 from collections.abc import Callable
 
 from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
 
+from tidemap.api.askers import asker_left
+from tidemap.api.state import state_of
 from tidemap.events.messages import EventMessage
 from tidemap.schemas.jobs import Job
-from tidemap.services.context import Context
 from tidemap.services.jobs import get_job
 
 POLL_S = 0.5
 """A message is a hint that may come from another process and get lost; so look now and then."""
 
 
-async def wait_for_job(ctx: Context, request: Callable[[], Job], wait_s: float) -> Job:
-    """Ask for a job, new or known, and follow it until it has ended or `wait_s` seconds have passed."""
-    loop = asyncio.get_running_loop()
+async def wait_for_job(request: Request, find: Callable[[], Job], wait_s: float) -> Job:
+    """What `find` returns, a new job or a known one, when it has ended or after `wait_s` seconds.
+
+    Sooner where the asker leaves or the server stops; the job goes on.
+    """
+    state = state_of(request)
+    ctx, loop = state.ctx, asyncio.get_running_loop()
     changed = asyncio.Event()
 
     def listen(message: EventMessage) -> None:
@@ -25,13 +31,16 @@ async def wait_for_job(ctx: Context, request: Callable[[], Job], wait_s: float) 
 
     unsubscribe = ctx.bus.subscribe(listen)
     try:
-        job = await run_in_threadpool(request)
+        job = await run_in_threadpool(find)
         deadline = loop.time() + wait_s
-        while job.finished_at is None and (left := deadline - loop.time()) > 0:
-            changed.clear()
-            job = await run_in_threadpool(get_job, ctx, job.id)
-            if job.finished_at is None:
-                await _any(changed, min(POLL_S, left))
+        async with asker_left(request) as left:
+            while job.finished_at is None and not left.is_set() and not state.stopping.is_set():
+                if (remaining_s := deadline - loop.time()) <= 0:
+                    break
+                changed.clear()
+                job = await run_in_threadpool(get_job, ctx, job.id)
+                if job.finished_at is None:
+                    await _any(changed, min(POLL_S, remaining_s))
         return job
     finally:
         unsubscribe()

@@ -2,32 +2,14 @@
 
 import asyncio
 from threading import Event
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from anyio import CapacityLimiter
 
+from tests.support.askers import Asker
 from tests.support.waiting import WAIT_S
 from tidemap.api.long_questions import Check, answered
 from tidemap.errors import AskerLeftError, ShuttingDownError
-
-
-class Asker:
-    """A request whose sender leaves when it is told to."""
-
-    def __init__(self) -> None:
-        self.left = asyncio.Event()
-        self.state: Any = SimpleNamespace(stopping=Event(), long_questions=CapacityLimiter(1))
-        self.app: Any = SimpleNamespace(state=SimpleNamespace(tidemap=self.state))
-        self._messages = [{"type": "http.request", "body": b"", "more_body": False}]
-
-    async def receive(self) -> dict[str, Any]:
-        """The request, and then that its sender has left."""
-        if self._messages:
-            return self._messages.pop()
-        await self.left.wait()
-        return {"type": "http.disconnect"}
 
 
 def endless(begun: Event) -> Any:

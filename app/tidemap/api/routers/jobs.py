@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Query, Request, Response
 
 from tidemap.api.bodies import FormRoute
 from tidemap.api.dependencies import After, Ctx, Id, Limit, Operator, cursor
@@ -21,13 +21,14 @@ async def update(
     name: str,
     ctx: Ctx,
     _: Operator,
+    request: Request,
     response: Response,
     form: UpdateForm | None = None,
     wait: Wait = 0,
 ) -> Job:
     """Refit a location; 202 with a job, or 200 with the finished job when it ended within `wait`."""
-    request = UpdateRequest(**(form or UpdateForm()).model_dump())
-    job = await wait_for_job(ctx, lambda: jobs.request_update(ctx, name, request), wait)
+    wanted = UpdateRequest(**(form or UpdateForm()).model_dump())
+    job = await wait_for_job(request, lambda: jobs.request_update(ctx, name, wanted), wait)
     if job.finished_at is not None:
         response.status_code = 200
     response.headers["Location"] = f"/api/v1/jobs/{job.id}"
@@ -42,9 +43,9 @@ def list_all(ctx: Ctx, _: Operator, limit: Limit = 100, after: After = None) -> 
 
 
 @router.get("/jobs/{job_id}")
-async def get(job_id: Id, ctx: Ctx, _: Operator, wait: Wait = 0) -> Job:
+async def get(job_id: Id, ctx: Ctx, _: Operator, request: Request, wait: Wait = 0) -> Job:
     """One job, when it has ended or after `wait` seconds."""
-    return await wait_for_job(ctx, lambda: jobs.get_job(ctx, job_id), wait)
+    return await wait_for_job(request, lambda: jobs.get_job(ctx, job_id), wait)
 
 
 @router.delete("/jobs/{job_id}")
