@@ -22,13 +22,15 @@ from tests.bench.waits import waiting
 from tests.support.contexts import Clock, make_location, opened, post_states, refit
 from tests.support.memory import memory_mb, peak_memory_mb
 from tests.support.server import ServerProcess
-from tidemap.media_types import ARROW
+from tidemap.formats.arrow import write
+from tidemap.media_types import ARROW, JSON
 from tidemap.services.context import Context
 
-DOOR, BELL, WEEKS = "door", "bell", 26
+DOOR, BELL, SPARE_DOOR, SPARE_HALL, WEEKS = "door", "bell", "spare-door", "spare-hall", 26
 START = time.time() // 86_400 * 86_400 - WEEKS * 604_800
 MAX_WAIT_MS = 100.0
 ENVIRONMENT = {"TIDEMAP_UPDATER": "false", "TIDEMAP_VIEWER": "false", "TIDEMAP_LOG_LEVEL": "warning"}
+LARGEST = {"name": "largest", "kind": "grid3d", "grid": {"resolution_m": 0.1, "shape": [400, 400, 100]}}
 Question = tuple[str, str, dict[str, Any]]
 
 
@@ -38,6 +40,8 @@ def measure() -> Figure:
             prepare(ctx, SHAPE)
             prepare_door(ctx)
             make_location(ctx, BELL)
+            make_location(ctx, SPARE_DOOR)
+            make_location(ctx, SPARE_HALL, SHAPE)
         server = ServerProcess(Path(folder), database_url=url, env=ENVIRONMENT)
         try:
             routes = {name: ask(server, question) for name, question in questions()}
@@ -64,6 +68,7 @@ def questions() -> Iterator[tuple[str, Question]]:
     orders = list(range(21))
     yield "nothing", ("GET", "/locations", {})
     yield "state, JSON", ("GET", f"{hall}/state?time=0", {})
+    yield "state, JSON, observed", ("GET", f"{hall}/state?time=0&observed=true", {})
     yield "state, Arrow", ("GET", f"{hall}/state?time=0", {"headers": {"accept": ARROW}})
     yield "state, npy", ("GET", f"{hall}/state?time=0", {"headers": {"accept": "application/x-npy"}})
     yield "predict, 10^6 times", ("POST", f"{door}/predict", {"json": {"time": million}})
@@ -75,8 +80,30 @@ def questions() -> Iterator[tuple[str, Question]]:
     yield "detect", ("POST", f"{door}/anomalies/detect", {"json": {**whole, "confidence": 0.5, "rule": "paper"}})
     yield "evaluate", ("POST", f"{door}/evaluate", {"json": {**whole, "orders": orders}})
     yield "anomalies", ("GET", "/anomalies?limit=1000", {})
+    yield from posts()
+    yield "locations, 16·10^6 cells", ("POST", "/locations", {"json": LARGEST})
     yield "update", ("POST", f"{door}/update?wait=60", {"json": {"estimator": "auto"}})
     yield "openapi", ("GET", "/openapi.json", {})
+
+
+def posts() -> Iterator[tuple[str, Question]]:
+    """The largest bodies that are accepted, in JSON, Arrow and npy, and one of each kind that is not."""
+    door, hall = f"/locations/{SPARE_DOOR}/observations", f"/locations/{SPARE_HALL}/observations"
+    seconds = START - 3_000_000.0 + np.arange(1_100_000.0)
+    looks = [{"time": START - k, "occupied": [k], "free": [k + 1]} for k in range(100_000)]
+    cells = list(range(1_000_000))
+    yield "post, 10^6 times", ("POST", door, {"json": {"time": seconds.tolist(), "state": [1] * seconds.size}})
+    yield "post, 10^5 looks", ("POST", hall, {"json": {"observations": looks}})
+    yield "post, 10^5 looks again and one", ("POST", hall, {"json": {"observations": [*looks, looks[0]]}})
+    yield "post, 10^6 cells", ("POST", hall, {"json": {"observations": [{"time": START, "occupied": cells}]}})
+    yield "post, brackets", ("POST", hall, {"content": b"[" * 16_000_000, "headers": {"content-type": JSON}})
+    many = {
+        "time": START - 60.0 * (np.arange(8_000_000) // 1_000_000),
+        "cell": (np.arange(8_000_000) % 1_000_000).astype(np.uint32),
+        "state": np.ones(8_000_000, np.uint8),
+    }
+    arrow = {"content": bytes(write({}, many)), "headers": {"content-type": ARROW}}
+    yield "post, Arrow, 8·10^6 rows", ("POST", hall, arrow)
 
 
 def ask(server: ServerProcess, question: Question) -> dict[str, float]:
