@@ -6,6 +6,7 @@ from typing import Any
 
 from anyio import CapacityLimiter
 from fastapi import FastAPI
+from fastapi.responses import JSONResponse
 
 from tidemap.api import errors, live
 from tidemap.api.budget import Budget
@@ -69,7 +70,7 @@ def create_app(
         summary=_SUMMARY,
         description=_DESCRIPTION,
         version=__version__,
-        openapi_url=f"{BASE}/openapi.json",
+        openapi_url=None,
         docs_url=None,
         redoc_url=None,
         license_info={"name": "BSD-3-Clause", "identifier": "BSD-3-Clause"},
@@ -91,7 +92,7 @@ def create_app(
         app.include_router(router, prefix=BASE, responses=_problems())
     app.include_router(live.router, prefix=BASE)
     app.include_router(health.router)
-    _document_bodies(app)
+    _document(app)
     return app
 
 
@@ -122,8 +123,11 @@ def _problem(status: int, reason: str) -> dict[str, Any]:
     return answer
 
 
-def _document_bodies(app: FastAPI) -> None:
-    """Add to the OpenAPI document the forms that routes parse by themselves, and the key."""
+def _document(app: FastAPI) -> None:
+    """The OpenAPI document, with the forms that routes parse by themselves, and the key.
+
+    FastAPI would make it on the event loop, where others wait for it.
+    """
     generate = app.openapi
 
     def complete() -> dict[str, Any]:
@@ -140,3 +144,7 @@ def _document_bodies(app: FastAPI) -> None:
         return app.openapi_schema or {}
 
     app.openapi = complete  # type: ignore[method-assign]
+
+    @app.get(f"{BASE}/openapi.json", include_in_schema=False)
+    def openapi() -> JSONResponse:
+        return JSONResponse(complete())

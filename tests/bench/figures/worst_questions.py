@@ -30,7 +30,12 @@ DOOR, BELL, SPARE_DOOR, SPARE_HALL, WEEKS = "door", "bell", "spare-door", "spare
 START = time.time() // 86_400 * 86_400 - WEEKS * 604_800
 MAX_WAIT_MS = 100.0
 ENVIRONMENT = {"TIDEMAP_UPDATER": "false", "TIDEMAP_VIEWER": "false", "TIDEMAP_LOG_LEVEL": "warning"}
-LARGEST = {"name": "largest", "kind": "grid3d", "grid": {"resolution_m": 0.1, "shape": [400, 400, 100]}}
+LARGEST = {
+    "name": "largest",
+    "kind": "grid3d",
+    "grid": {"resolution_m": 0.1, "shape": [400, 400, 100]},
+    "interval_s": 60,
+}
 Question = tuple[str, str, dict[str, Any]]
 
 
