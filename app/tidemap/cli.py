@@ -195,14 +195,14 @@ def _verify(arguments: argparse.Namespace) -> int:
 
     findings: list[Finding] = []
 
-    def tell(finding: Finding) -> None:
+    def report(finding: Finding) -> None:
         findings.append(finding)
         if not arguments.json:
             tqdm.write(str(finding))
 
     try:
         with _progress("Verifying", "locations") as show:
-            tally = verify(_settings(arguments).url, tell, show)
+            tally = verify(_settings(arguments).url, report, show)
     except (DatabaseUnusableError, SchemaVersionError) as error:
         _failed(str(error))
         return WRONG_USAGE

@@ -11,7 +11,7 @@ from tests.db.test_observations import append, now
 from tests.support.contexts import compact_now, history_of, make_location, post_rows
 from tidemap.errors import CorruptChunkError
 from tidemap.history.segment import Segment
-from tidemap.services.compaction import put_in_place
+from tidemap.services.compaction import replace_log
 from tidemap.services.context import Context
 from tidemap.services.locations import find_location
 from tidemap.storage.blobs import pack_segment
@@ -38,9 +38,9 @@ def test_of_two_compactions_from_one_record_the_second_changes_nothing(store: St
         append(store, location, [(60.0 * n, 0, 1)])
     old = now(store, location)
     mine, theirs = (pack_segment(Segment.empty(1, number)) for number in (0, 1))
-    assert store.write(lambda work: put_in_place(work, old, 2, {(0, 0): mine}))
+    assert store.write(lambda work: replace_log(work, old, 2, {(0, 0): mine}))
     before = everything(store)
-    assert not store.write(lambda work: put_in_place(work, old, 3, {(0, 0): theirs, (0, 1): theirs}))
+    assert not store.write(lambda work: replace_log(work, old, 3, {(0, 0): theirs, (0, 1): theirs}))
     assert everything(store) == before
     assert now(store, location).compacted_seq == 2
 

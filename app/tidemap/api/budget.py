@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from tidemap.errors import TooManyBodiesError
 
-PATIENCE_S = 5.0
+MAX_WAIT_S = 5.0
 """How long a body waits for its share."""
 
 
@@ -28,10 +28,10 @@ class Budget:
     bodies hold the rest. So at most `total` and what one body may take is held, and nobody waits for ever.
     """
 
-    def __init__(self, total: int, patience_s: float = PATIENCE_S) -> None:
+    def __init__(self, total: int, max_wait_s: float = MAX_WAIT_S) -> None:
         self.held = 0
         self._total = total
-        self._patience_s = patience_s
+        self._max_wait_s = max_wait_s
         self._queue: deque[PendingGrant] = deque()
         self._overdrawn: Share | None = None
 
@@ -52,31 +52,31 @@ class Budget:
         if share is self._overdrawn or (not self._queue and self._fits(size)):
             self._give(share, size)
             return
-        wish = PendingGrant(share, size)
-        self._queue.append(wish)
+        grant = PendingGrant(share, size)
+        self._queue.append(grant)
         self._serve()
         try:
-            async with asyncio.timeout(self._patience_s):
-                await wish.granted.wait()
+            async with asyncio.timeout(self._max_wait_s):
+                await grant.granted.wait()
         except TimeoutError:
-            if not wish.granted.is_set():
+            if not grant.granted.is_set():
                 raise TooManyBodiesError from None
         finally:
-            if not wish.granted.is_set():
-                self._queue.remove(wish)
+            if not grant.granted.is_set():
+                self._queue.remove(grant)
                 self._serve()
 
     def _serve(self) -> None:
-        """Grant wishes in their order, as far as it goes."""
+        """Grant what waits in their order, as far as it goes."""
         while self._queue:
-            wish = self._queue[0]
-            if not self._fits(wish.size):
+            grant = self._queue[0]
+            if not self._fits(grant.size):
                 if self._overdrawn is not None:
                     return
-                self._overdrawn = wish.share
+                self._overdrawn = grant.share
             self._queue.popleft()
-            self._give(wish.share, wish.size)
-            wish.granted.set()
+            self._give(grant.share, grant.size)
+            grant.granted.set()
 
     def _fits(self, size: int) -> bool:
         return self.held + size <= self._total

@@ -74,7 +74,7 @@ async def events(socket: WebSocket) -> None:
     """Stream messages to one reader until either side ends it."""
     ctx: Context = state_of(socket).ctx
     try:
-        wish = await run_in_threadpool(_wish, ctx, socket)
+        wanted = await run_in_threadpool(_wanted, ctx, socket)
     except DomainError as error:
         await socket.send_denial_response(domain_response(socket.url.path, error))
         return
@@ -82,18 +82,18 @@ async def events(socket: WebSocket) -> None:
     backlog = Backlog(ctx.settings.socket_queue)
 
     def listen(message: EventMessage) -> None:
-        if wish.wants(message):
+        if wanted.wants(message):
             loop.call_soon_threadsafe(backlog.put, message)
 
     unsubscribe = ctx.bus.subscribe(listen)
     try:
         await socket.accept()
-        await _stream(ctx, socket, wish, backlog)
+        await _stream(ctx, socket, wanted, backlog)
     finally:
         unsubscribe()
 
 
-def _wish(ctx: Context, socket: WebSocket) -> EventFilter:
+def _wanted(ctx: Context, socket: WebSocket) -> EventFilter:
     """What the reader asks for.
 
     Raises UnauthorizedError, ForbiddenError, OtherSiteError, RateLimitError, InvalidInputError, LocationNotFoundError.
@@ -114,8 +114,8 @@ def _wish(ctx: Context, socket: WebSocket) -> EventFilter:
     return EventFilter(location, frozenset(asked or known), cursor("after", query.get("after")))
 
 
-async def _stream(ctx: Context, socket: WebSocket, wish: EventFilter, backlog: Backlog) -> None:
-    sender = asyncio.create_task(_send(ctx, socket, wish, backlog))
+async def _stream(ctx: Context, socket: WebSocket, wanted: EventFilter, backlog: Backlog) -> None:
+    sender = asyncio.create_task(_send(ctx, socket, wanted, backlog))
     ended = asyncio.create_task(until_ended(socket))
     tasks = [sender, ended, asyncio.create_task(_until_gone(socket)), asyncio.create_task(backlog.overflowed.wait())]
     try:
@@ -138,21 +138,21 @@ def _why(backlog: Backlog, ended: asyncio.Task[None]) -> tuple[int, str]:
     return ENDED if ended.done() else (1011, "failed")
 
 
-async def _send(ctx: Context, socket: WebSocket, wish: EventFilter, backlog: Backlog) -> None:
-    replayed = await _replay(ctx, socket, wish)
+async def _send(ctx: Context, socket: WebSocket, wanted: EventFilter, backlog: Backlog) -> None:
+    replayed = await _replay(ctx, socket, wanted)
     while True:
         message = await backlog.get()
         if message.kind != "anomaly" or message.id > replayed:
             await _send_one(socket, message)
 
 
-async def _replay(ctx: Context, socket: WebSocket, wish: EventFilter) -> int:
+async def _replay(ctx: Context, socket: WebSocket, wanted: EventFilter) -> int:
     """Send the anomalies since `after`; the id of the last."""
-    last = wish.after
-    if last is None or "anomaly" not in wish.kinds:
+    last = wanted.after
+    if last is None or "anomaly" not in wanted.kinds:
         return 0
     while True:
-        query = EventQuery(location=wish.location, after=last, limit=REPLAY_PAGE)
+        query = EventQuery(location=wanted.location, after=last, limit=REPLAY_PAGE)
         missed = await run_in_threadpool(list_events, ctx, query)
         for event in missed:
             message = anomaly_message(event, ctx.clock())

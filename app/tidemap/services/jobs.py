@@ -31,7 +31,7 @@ def request_update(ctx: Context, name: str, request: UpdateRequest) -> Job:
     record = ctx.store.write(
         lambda work: work.jobs.create(work.locations.get(name).id, "update", asdict(request), ctx.clock())
     )
-    _tell(ctx, record)
+    _publish(ctx, record)
     return wire(record)
 
 
@@ -56,7 +56,7 @@ def cancel_job(ctx: Context, job_id: int) -> Job:
         record = work.jobs.get(job_id)
     if not cancelled:
         raise JobFinishedError(job_id, record.state)
-    _tell(ctx, record)
+    _publish(ctx, record)
     return wire(record)
 
 
@@ -67,7 +67,7 @@ def claim_job(ctx: Context, busy: frozenset[int]) -> JobRecord | None:
             return None
     record = ctx.store.write(lambda work: work.jobs.claim(busy))
     if record is not None:
-        _tell(ctx, record)
+        _publish(ctx, record)
     return record
 
 
@@ -95,7 +95,7 @@ def run_job(ctx: Context, record: JobRecord, executor: Executor) -> bool:
         log.exception("job %d failed", record.id)
         _fail(ctx, record, f"{type(error).__name__}: {error}")
     else:
-        _tell_end(ctx, record)
+        _publish_end(ctx, record)
         ctx.bus.publish(EventMessage("update", record.location, revision.revision, ctx.clock(), _result(revision)))
         return True
     return False
@@ -121,20 +121,20 @@ def _reporter(ctx: Context, record: JobRecord) -> Callable[[float], None]:
 def _fail(ctx: Context, record: JobRecord, error: str) -> None:
     ended = {"state": "failed", "error": error, "finished_at": ctx.clock()}
     ctx.store.write(lambda work: work.jobs.transition(record.id, "running", **ended))
-    _tell_end(ctx, record)
+    _publish_end(ctx, record)
 
 
-def _tell_end(ctx: Context, record: JobRecord) -> None:
+def _publish_end(ctx: Context, record: JobRecord) -> None:
     try:
         with ctx.store.read() as work:
-            _tell(ctx, work.jobs.get(record.id))
+            _publish(ctx, work.jobs.get(record.id))
     except JobNotFoundError:
         log.info("location %r was deleted while job %d ran", record.location, record.id)
 
 
-def _tell(ctx: Context, record: JobRecord) -> None:
-    told = {"job": record.kind, "state": record.state, "progress": record.progress}
-    ctx.bus.publish(EventMessage("job", record.location, record.id, ctx.clock(), told))
+def _publish(ctx: Context, record: JobRecord) -> None:
+    data = {"job": record.kind, "state": record.state, "progress": record.progress}
+    ctx.bus.publish(EventMessage("job", record.location, record.id, ctx.clock(), data))
 
 
 def wire(record: JobRecord) -> Job:

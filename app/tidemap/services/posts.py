@@ -77,7 +77,7 @@ def store_all(work: Work, entries: Sequence[Entry]) -> list[Outcome]:
             outcome |= {entry: LocationNotFoundError(entry.location.name) for entry in fresh}
         else:
             numbers |= {entry: number for number, entry in enumerate(fresh, first)}
-    # After the last location, for what numbers events is locked, too; in the order in which they will be told.
+    # After the last location, for what numbers events is locked, too; in the order in which they will be published.
     outcome |= _with_events(work, {entry: numbers[entry] for entry in entries if entry in numbers})
     return [outcome[entry] for entry in entries]
 

@@ -59,7 +59,7 @@ class Updater:
             self._worker.wake()
 
     def _round(self) -> None:
-        if self._ctx.store.trouble() is not None:
+        if self._ctx.store.outage() is not None:
             # Nobody may post to a server that is not ready: it has to find out by itself when it can write again.
             self._ctx.store.write(lambda work: None)
         if (term := self._election.term) is None:
@@ -77,9 +77,9 @@ class Updater:
     def _run_jobs(self, ctx: Context, executor: Executor) -> None:
         self._worker.check()
         while (job := claim_job(ctx, frozenset())) is not None:
-            told = self._retries.worked if run_job(ctx, job, executor) else self._retries.failed
+            report = self._retries.worked if run_job(ctx, job, executor) else self._retries.failed
             if job.request == asdict(UpdateRequest()):
-                told(job.location_id)
+                report(job.location_id)
             self._worker.check()
 
     def _look_around(self, ctx: Context) -> None:

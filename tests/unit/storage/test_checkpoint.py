@@ -75,7 +75,7 @@ def test_it_is_bounded_under_readers_that_never_pause(store: Store, log: Path) -
 def test_a_reader_that_stays_is_waited_for_a_little_and_then_later_again(
     store: Store, log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tidemap.storage.checkpoint.PATIENCE_S", 0.05)
+    monkeypatch.setattr("tidemap.storage.checkpoint.MAX_WAIT_S", 0.05)
     monkeypatch.setattr("tidemap.storage.checkpoint.REST_S", 0.05)
     leave, inside = Event(), Event()
 

@@ -100,8 +100,8 @@ def _login_page(ctx: Context, request: Request, then: str, refusal: Refusal | No
 def _guarded(ctx: Context, request: Request, template: str, facts: Callable[[], Facts]) -> Response:
     """The page for who may look; what is wrong is said on a page too."""
     try:
-        if turned_away := guard.redirect(request):
-            return turned_away
+        if redirected := guard.redirect(request):
+            return redirected
         return page(request, template, {**guard.header(ctx, request), **facts()})
     except DomainError as error:
         return problem_page(request, error)

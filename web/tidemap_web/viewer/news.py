@@ -11,10 +11,10 @@ _QUIET_S = 0.3
 
 
 class News:
-    """Listens to the bus and tells which locations have something new, at most a few times a second."""
+    """Listens to the bus and reports which locations have something new, at most a few times a second."""
 
-    def __init__(self, tell: Callable[[set[str]], None]) -> None:
-        self._tell = tell
+    def __init__(self, report: Callable[[set[str]], None]) -> None:
+        self._report = report
         self._heard = threading.Condition()
         self._names: set[str] = set()
         self._stopped = False
@@ -42,6 +42,6 @@ class News:
                 if self._stopped:
                     break
                 names, self._names = self._names, set()
-            self._tell(names)
+            self._report(names)
             time.sleep(_QUIET_S)
         unsubscribe()

@@ -1,4 +1,4 @@
-"""Paints what a tab wishes to see and tells its page about it. Used by one thread, the session's."""
+"""Paints what a tab wants to see and reports it to its page. Used by one thread, the session's."""
 
 import logging
 from collections.abc import Callable
@@ -20,7 +20,7 @@ _log = logging.getLogger(__name__)
 ACKNOWLEDGE_S = 15.0
 FRESH_S = 3600.0
 Key = tuple[str, float, int, int]
-"""Tells the cells of a location at a revision: its name, when it was made, revision, number of cells."""
+"""Identifies the cells of a location at a revision: its name, when it was made, revision, number of cells."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +52,7 @@ class Painter:
         self._means: tuple[Key, NDArray[np.float32]] | None = None
 
     def prepare(self, scene: Scene | None, aim: Aim | None, select: Select | None) -> None:
-        """Take what came with the wish; None changes nothing."""
+        """Take what came with the request; None changes nothing."""
         if scene is not None:
             self._scene, self._built = scene, None
         if aim is not None:
@@ -64,27 +64,27 @@ class Painter:
         """Whether news of these locations can change what the tab shows; asked from other threads."""
         return self.shown is None or self._location in names or not names <= self._known
 
-    def paint(self, wish: ViewRequest, news: bool) -> None:
-        """Bring the tab to a wish; `news` asks for everything afresh.
+    def paint(self, request: ViewRequest, news: bool) -> None:
+        """Bring the tab to a request; `news` asks for everything afresh.
 
         Raises LocationNotFoundError, NoModelError.
         """
         if news:
-            self._tell_grids()
-        name = wish.location or next((grid.name for grid in self._source.grids()), None)
+            self._publish_grids()
+        name = request.location or next((grid.name for grid in self._source.grids()), None)
         if name is None:
             self.blank("no-grids", "")
             return
         location = self._source.grid(name)
         if news or self._location != name:
             self._publish_location(location)
-        shown = self._look(location, wish)
+        shown = self._look(location, request)
         if shown is None:
             self.blank("no-observations", name)
             return
         self._draw(shown)
         self.shown = shown
-        self._publish(report.frame(shown, wish, self._selected))
+        self._publish(report.frame(shown, request, self._selected))
 
     def blank(self, reason: str, detail: str) -> None:
         """Show nothing, and say why."""
@@ -105,7 +105,7 @@ class Painter:
         hits = [_hit(shown, cloud, ray.moved(shift)) for cloud, shift in clouds]
         return min((hit for hit in hits if hit is not None), default=(0.0, None))[1]
 
-    def _tell_grids(self) -> None:
+    def _publish_grids(self) -> None:
         grids = self._source.grids()
         self._known |= {grid.name for grid in grids}
         self._publish(report.grids(grids))
@@ -118,17 +118,17 @@ class Painter:
         first = location.first_time if location.first_time is not None else now
         self._publish(report.location(location, self._source.events(location.name, first), now))
 
-    def _look(self, location: Location, wish: ViewRequest) -> PaintedView | None:
+    def _look(self, location: Location, request: ViewRequest) -> PaintedView | None:
         """What there is to see; None when nothing has been observed."""
         if location.last_time is None or location.grid is None:
             return None
-        time = location.last_time if wish.follow or wish.time is None else wish.time
-        state = self._source.state(Question(location.name, time, wish.confidence, wish.order))
+        time = location.last_time if request.live or request.time is None else request.time
+        state = self._source.state(Question(location.name, time, request.confidence, request.order))
         if len(state.cell) == 0:
             return None
         ground, layout = self._lay(location, location.grid, state)
-        usual = self._usual(location, state) if wish.dim else None
-        taste = Taste(wish.floor, max(FRESH_S, 2 * location.interval_s))
+        usual = self._usual(location, state) if request.dim else None
+        taste = Taste(request.floor, max(FRESH_S, 2 * location.interval_s))
         return PaintedView(location, state, picture(state, ground, usual, taste), layout, taste)
 
     def _lay(self, location: Location, grid: Grid, state: ViewedState) -> tuple[Ground, Layout]:

@@ -1,4 +1,4 @@
-"""Sessions in the words of messages: what the page is told."""
+"""Sessions in the words of messages: what the page shows."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def _mark(event: Event) -> PageMessage:
     }
 
 
-def frame(shown: PaintedView, wish: ViewRequest, selected: int | None) -> PageMessage:
+def frame(shown: PaintedView, request: ViewRequest, selected: int | None) -> PageMessage:
     """What is on the screen now."""
     state, picture = shown.state, shown.picture
     return {
@@ -62,7 +62,7 @@ def frame(shown: PaintedView, wish: ViewRequest, selected: int | None) -> PageMe
         "location": shown.location.name,
         "time": state.time,
         "last": shown.location.last_time,
-        "follow": wish.follow,
+        "live": request.live,
         "revision": state.revision,
         "estimator": state.estimator,
         "order": state.order,

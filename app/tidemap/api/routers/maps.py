@@ -11,10 +11,10 @@ from tidemap.api.auth import confirming
 from tidemap.api.bodies import FormRoute
 from tidemap.api.dependencies import Asker, Ctx, Operator, TimeQuery, query_time
 from tidemap.api.encoding import (
+    encode_buffer,
     encode_grid,
     encode_prediction,
     encode_series,
-    encode_sheet,
     encode_state,
     preferred,
     with_etag,
@@ -34,9 +34,9 @@ from tidemap.services.predict import (
     StateFacts,
     StateQuery,
     ask,
+    buffer_of,
     grid_of,
     predict_at,
-    sheet_of,
     view_of,
 )
 from tidemap.services.series import SeriesQuery, series
@@ -83,8 +83,8 @@ def _answer(request: Request, ctx: Context, asked: Asked) -> Response:
 def _encode(ctx: Context, asked: Asked, facts: StateFacts, media_type: str) -> Response:
     if media_type == NPY:
         return encode_grid(facts, grid_of(ctx, asked))
-    loan = sheet_of(ctx, asked) if media_type == ARROW else None
-    return encode_state(view_of(ctx, asked), media_type) if loan is None else encode_sheet(facts, loan)
+    lease = buffer_of(ctx, asked) if media_type == ARROW else None
+    return encode_state(view_of(ctx, asked), media_type) if lease is None else encode_buffer(facts, lease)
 
 
 def _box(text: str | None) -> tuple[float, ...] | None:
