@@ -8,10 +8,11 @@ from starlette.requests import Request
 
 from tidemap.api.askers import asker_left
 from tidemap.api.state import state_of
-from tidemap.events.messages import EventMessage
+from tidemap.events.subscription import EventFilter, listen
 from tidemap.schemas.jobs import Job
 from tidemap.services.jobs import get_job
 
+JOBS = EventFilter(kinds=frozenset({"job"}))
 POLL_S = 0.5
 """A message is a hint that may come from another process and get lost; so look now and then."""
 
@@ -25,11 +26,7 @@ async def wait_for_job(request: Request, find: Callable[[], Job], wait_s: float)
     ctx, loop = state.ctx, asyncio.get_running_loop()
     changed = asyncio.Event()
 
-    def listen(message: EventMessage) -> None:
-        if message.kind == "job":
-            loop.call_soon_threadsafe(changed.set)
-
-    unsubscribe = ctx.bus.subscribe(listen)
+    unsubscribe = listen(ctx.bus, JOBS, lambda _: loop.call_soon_threadsafe(changed.set))
     try:
         job = await run_in_threadpool(find)
         deadline = loop.time() + wait_s

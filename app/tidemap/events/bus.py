@@ -7,7 +7,7 @@ from threading import Lock
 from tidemap.events.messages import EventMessage
 
 log = logging.getLogger(__name__)
-Listener = Callable[[EventMessage], None]
+Listener = Callable[[EventMessage], object]
 
 
 class Bus:

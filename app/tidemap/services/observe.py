@@ -10,12 +10,11 @@ from tidemap.events.messages import EventMessage
 from tidemap.formats import registry
 from tidemap.history.measurements import Measurements
 from tidemap.ingest.observation import Target, checked
-from tidemap.schemas.anomalies import Event
 from tidemap.services.context import Context
 from tidemap.services.judge import judge
 from tidemap.services.keys import confirm
-from tidemap.services.listing import shortened
 from tidemap.services.locations import find_location
+from tidemap.services.messages import anomaly_message
 from tidemap.services.posts import Entry, Observed, Post, store_all
 from tidemap.services.spectra import fitted, held
 from tidemap.storage.blobs import pack_measurements
@@ -161,8 +160,3 @@ def _publish(ctx: Context, stored: Observed) -> None:
     ctx.bus.publish(EventMessage("observation", stored.location, stored.number, now, data))
     for event in stored.anomalies:
         ctx.bus.publish(anomaly_message(event, now))
-
-
-def anomaly_message(event: Event, now: float) -> EventMessage:
-    """The message of a stored event."""
-    return EventMessage("anomaly", event.location, event.id or 0, now, shortened(event).model_dump(mode="json"))
