@@ -9,15 +9,15 @@ from starlette.requests import Request
 from tidemap.api.askers import asker_left
 from tidemap.api.state import state_of
 from tidemap.events.subscription import EventFilter, listen
-from tidemap.schemas.jobs import Job
 from tidemap.services.jobs import get_job
+from tidemap.storage.records import JobRecord
 
 JOBS = EventFilter(kinds=frozenset({"job"}))
 POLL_S = 0.5
 """A message is a hint that may come from another process and get lost; so look now and then."""
 
 
-async def wait_for_job(request: Request, find: Callable[[], Job], wait_s: float) -> Job:
+async def wait_for_job(request: Request, find: Callable[[], JobRecord], wait_s: float) -> JobRecord:
     """What `find` returns, a new job or a known one, when it has ended or after `wait_s` seconds.
 
     Sooner where the asker leaves or the server stops; the job goes on.

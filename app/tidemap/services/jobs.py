@@ -14,7 +14,6 @@ from tidemap.errors import (
     refuse_reversed,
 )
 from tidemap.events.messages import EventMessage
-from tidemap.schemas.jobs import Job
 from tidemap.services.context import Context
 from tidemap.services.update import UpdateRequest, run_update
 from tidemap.services.update_task import Executor
@@ -25,29 +24,29 @@ log = logging.getLogger(__name__)
 PROGRESS_STEP = 0.02
 
 
-def request_update(ctx: Context, name: str, request: UpdateRequest) -> Job:
+def request_update(ctx: Context, name: str, request: UpdateRequest) -> JobRecord:
     """Queue an update. Raises LocationNotFoundError, InvalidInputError."""
     refuse_reversed(request.start, request.stop)
     record = ctx.store.write(
         lambda work: work.jobs.create(work.locations.get(name).id, "update", asdict(request), ctx.clock())
     )
     _publish(ctx, record)
-    return wire(record)
+    return record
 
 
-def get_job(ctx: Context, job_id: int) -> Job:
+def get_job(ctx: Context, job_id: int) -> JobRecord:
     """Raises JobNotFoundError."""
     with ctx.store.read() as work:
-        return wire(work.jobs.get(job_id))
+        return work.jobs.get(job_id)
 
 
-def list_jobs(ctx: Context, after: int | None, limit: int) -> list[Job]:
+def list_jobs(ctx: Context, after: int | None, limit: int) -> list[JobRecord]:
     """Newest first."""
     with ctx.store.read() as work:
-        return [wire(record) for record in work.jobs.list(after, limit)]
+        return work.jobs.list(after, limit)
 
 
-def cancel_job(ctx: Context, job_id: int) -> Job:
+def cancel_job(ctx: Context, job_id: int) -> JobRecord:
     """Cancel a queued job. Raises JobNotFoundError, JobFinishedError when it is past that."""
     cancelled = ctx.store.write(
         lambda work: work.jobs.transition(job_id, "queued", state="cancelled", finished_at=ctx.clock())
@@ -57,7 +56,7 @@ def cancel_job(ctx: Context, job_id: int) -> Job:
     if not cancelled:
         raise JobFinishedError(job_id, record.state)
     _publish(ctx, record)
-    return wire(record)
+    return record
 
 
 def claim_job(ctx: Context, busy: frozenset[int]) -> JobRecord | None:
@@ -135,8 +134,3 @@ def _publish_end(ctx: Context, record: JobRecord) -> None:
 def _publish(ctx: Context, record: JobRecord) -> None:
     data = {"job": record.kind, "state": record.state, "progress": record.progress}
     ctx.bus.publish(EventMessage("job", record.location, record.id, ctx.clock(), data))
-
-
-def wire(record: JobRecord) -> Job:
-    """A job as the API shows it."""
-    return Job(**{name: getattr(record, name) for name in Job.model_fields})

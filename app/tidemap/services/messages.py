@@ -1,15 +1,20 @@
 """Messages of the bus as services make them, and those that somebody has missed."""
 
+from dataclasses import fields
+from typing import Any
+
 from tidemap.events.messages import EventMessage
-from tidemap.schemas.anomalies import Event
-from tidemap.services.anomalies import EventQuery, list_events
+from tidemap.schemas.common import iso
+from tidemap.services.anomalies import Anomaly, EventQuery, list_events
 from tidemap.services.context import Context
 from tidemap.services.listing import shortened
 
+TIMES = ("start", "stop", "acknowledged_at")
 
-def anomaly_message(event: Event, now: float) -> EventMessage:
-    """The message of a stored event."""
-    return EventMessage("anomaly", event.location, event.id or 0, now, shortened(event).model_dump(mode="json"))
+
+def anomaly_message(event: Anomaly, now: float) -> EventMessage:
+    """The message of a stored event: in it, what the API shows of the event in a list."""
+    return EventMessage("anomaly", event.location, event.id or 0, now, _data(shortened(event)))
 
 
 def missed_anomalies(ctx: Context, location: str | None, after: int, limit: int) -> list[EventMessage]:
@@ -19,3 +24,9 @@ def missed_anomalies(ctx: Context, location: str | None, after: int, limit: int)
     """
     events = list_events(ctx, EventQuery(location=location, after=after, limit=limit))
     return [anomaly_message(event, ctx.clock()) for event in events]
+
+
+def _data(event: Anomaly) -> dict[str, Any]:
+    values = {each.name: getattr(event, each.name) for each in fields(event)}
+    times = {name: None if values[name] is None else iso(values[name]) for name in TIMES}
+    return values | times | {"cells": event.cells.tolist(), "bbox": event.bbox and list(event.bbox)}

@@ -40,7 +40,7 @@ def test_answers_are_right_while_everything_happens_at_once(sqlite_url: str, cac
             list(pool.map(lambda job: job[0](ctx, job[1]), jobs))
         for chunk in range(2):
             assert_history(ctx, chunk, 50, complete=True)
-        assert get_location(ctx, "lab").observations == 50 * len(CELLS)
+        assert get_location(ctx, "lab").measurements == 50 * len(CELLS)
         assert ctx.store._reader.pool.checkedout() == 0  # type: ignore[attr-defined]
 
 

@@ -31,7 +31,6 @@ from tidemap.errors import (
     StorageUnavailableError,
 )
 from tidemap.events.messages import EventMessage
-from tidemap.schemas.jobs import Job
 from tidemap.services import jobs as jobs_service
 from tidemap.services.context import Context
 from tidemap.services.jobs import cancel_job, claim_job, get_job, list_jobs, request_update
@@ -57,7 +56,7 @@ def working(ctx: Context) -> Iterator[Updater]:
         yield updater
 
 
-def finished(ctx: Context, number: int) -> Job | None:
+def finished(ctx: Context, number: int) -> JobRecord | None:
     job = get_job(ctx, number)
     return job if job.finished_at is not None else None
 

@@ -1,6 +1,5 @@
 """The pages for operators: the list of locations, one location, and signing in."""
 
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -117,7 +116,7 @@ def _locations(ctx: Context, request: Request) -> Facts:
 
 def _location(ctx: Context, name: str) -> Facts:
     location = locations.get_location(ctx, name)
-    return {"location": location, "now": ctx.clock(), "cells": math.prod(location.shape)}
+    return {"location": location, "now": ctx.clock(), "cells": location.n_cells}
 
 
 def _events(ctx: Context, name: str) -> Facts:

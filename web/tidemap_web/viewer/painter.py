@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.schemas.locations import Grid, Location
+from tidemap.services.locations import LocationSummary
+from tidemap.space.grid import GridGeometry
 from tidemap_web.viewer import report
 from tidemap_web.viewer.cells import Cloud, Ground, Picture, Taste, index_of, picture
 from tidemap_web.viewer.layout import Layout, arrange
@@ -27,7 +28,7 @@ Key = tuple[str, float, int, int]
 class PaintedView:
     """What a tab shows."""
 
-    location: Location
+    location: LocationSummary
     state: ViewedState
     picture: Picture
     layout: Layout
@@ -110,7 +111,7 @@ class Painter:
         self._known |= {grid.name for grid in grids}
         self._publish(report.grids(grids))
 
-    def _publish_location(self, location: Location) -> None:
+    def _publish_location(self, location: LocationSummary) -> None:
         if self._location != location.name:
             self._selected = None
         self._location = location.name
@@ -118,7 +119,7 @@ class Painter:
         first = location.first_time if location.first_time is not None else now
         self._publish(report.location(location, self._source.events(location.name, first), now))
 
-    def _look(self, location: Location, request: ViewRequest) -> PaintedView | None:
+    def _look(self, location: LocationSummary, request: ViewRequest) -> PaintedView | None:
         """What there is to see; None when nothing has been observed."""
         if location.last_time is None or location.grid is None:
             return None
@@ -131,7 +132,7 @@ class Painter:
         taste = Taste(request.floor, max(FRESH_S, 2 * location.interval_s))
         return PaintedView(location, state, picture(state, ground, usual, taste), layout, taste)
 
-    def _lay(self, location: Location, grid: Grid, state: ViewedState) -> tuple[Ground, Layout]:
+    def _lay(self, location: LocationSummary, grid: GridGeometry, state: ViewedState) -> tuple[Ground, Layout]:
         """Where the state's cells are, worked out once a revision."""
         key = _key(location, state)
         if self._laid is None or self._laid[0] != key:
@@ -140,7 +141,7 @@ class Painter:
             self._laid = (key, ground, layout)
         return self._laid[1], self._laid[2]
 
-    def _usual(self, location: Location, state: ViewedState) -> NDArray[np.float32] | None:
+    def _usual(self, location: LocationSummary, state: ViewedState) -> NDArray[np.float32] | None:
         """Mean probabilities of the state's cells, asked for once a revision."""
         key = _key(location, state)
         if self._means is None or self._means[0] != key:
@@ -176,7 +177,7 @@ class Painter:
             self._scene = None
 
 
-def _key(location: Location, state: ViewedState) -> Key:
+def _key(location: LocationSummary, state: ViewedState) -> Key:
     return location.name, location.created_at, state.revision, len(state.cell)
 
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tidemap.schemas.anomalies import Event
-from tidemap.schemas.locations import Location
+from tidemap.services.anomalies import Anomaly
+from tidemap.services.locations import LocationSummary
 from tidemap_web.viewer.cells import index_of
 from tidemap_web.viewer.messages import PageMessage, ViewRequest
 from tidemap_web.viewer.span import span
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from tidemap_web.viewer.painter import PaintedView
 
 
-def grids(items: list[Location]) -> PageMessage:
+def grids(items: list[LocationSummary]) -> PageMessage:
     """The grids one can choose from."""
     return {"kind": "grids", "items": [{"name": item.name, "kind": item.kind} for item in items]}
 
 
-def location(item: Location, events: list[Event], now: float) -> PageMessage:
+def location(item: LocationSummary, events: list[Anomaly], now: float) -> PageMessage:
     """The chosen grid, the stretch of its timeline, and marks on it."""
     message: PageMessage = {
         "kind": "location",
@@ -30,7 +30,7 @@ def location(item: Location, events: list[Event], now: float) -> PageMessage:
         "interval_s": item.interval_s,
         "confidence": item.confidence,
         "revision": item.revision,
-        "shape": item.shape,
+        "shape": list(item.cells.shape),
         "frame": item.grid.frame if item.grid else None,
         "resolution_m": item.grid.resolution_m if item.grid else None,
         "now": now,
@@ -43,13 +43,13 @@ def location(item: Location, events: list[Event], now: float) -> PageMessage:
     return message
 
 
-def _mark(event: Event) -> PageMessage:
+def _mark(event: Anomaly) -> PageMessage:
     return {
         "id": event.id,
         "start": event.start,
         "stop": event.stop,
         "observed": event.observed,
-        "cells": len(event.cells),
+        "cells": event.cells_total,
         "acknowledged": event.acknowledged_by is not None,
     }
 
