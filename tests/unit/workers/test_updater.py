@@ -125,18 +125,18 @@ def test_an_update_that_fails_is_not_asked_for_all_the_time(lively: Context, clo
     post_states(lively, "door", 60.0 * np.arange(60), np.ones(60))
     compact_now(lively, "door")
     lively.store.write(lambda work: work.jobs._connection.execute(update(history).values(payload=b"")))
-    door = find_location(lively, "door").id
+    door, rest_s = find_location(lively, "door").id, lively.settings.update_rest_s
     with working(lively) as updater:
-        until(lambda: updater._retries._failures.get(door) == 1)
+        until(lambda: updater._retries._due.get(door) == clock.now + rest_s)
         time.sleep(0.2)
         assert len(list_jobs(lively, None, 9)) == 1
-        clock.now += lively.settings.update_rest_s
-        until(lambda: updater._retries._failures.get(door) == 2)
+        clock.now += rest_s
+        until(lambda: updater._retries._due.get(door) == clock.now + 2 * rest_s)
         # Ever more rarely.
-        clock.now += lively.settings.update_rest_s
+        clock.now += rest_s
         time.sleep(0.2)
         assert len(list_jobs(lively, None, 9)) == 2
-        clock.now += lively.settings.update_rest_s
+        clock.now += rest_s
         until(lambda: len(list_jobs(lively, None, 9)) == 3)
 
 
