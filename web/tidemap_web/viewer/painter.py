@@ -2,7 +2,6 @@
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +9,10 @@ from numpy.typing import NDArray
 from tidemap.services.locations import LocationSummary
 from tidemap.space.grid import GridGeometry
 from tidemap_web.viewer import report
-from tidemap_web.viewer.cells import Cloud, Ground, Picture, Taste, index_of, picture
+from tidemap_web.viewer.cells import Cloud, Ground, Taste, picture
 from tidemap_web.viewer.layout import Layout, arrange
 from tidemap_web.viewer.messages import Aim, PageMessage, Select, ViewRequest
+from tidemap_web.viewer.painted import PaintedView
 from tidemap_web.viewer.picking import Ray, first_hit
 from tidemap_web.viewer.scene import CELL_HALF, Scene
 from tidemap_web.viewer.source import Question, Source, ViewedState
@@ -22,17 +22,6 @@ ACKNOWLEDGE_S = 15.0
 FRESH_S = 3600.0
 Key = tuple[str, float, int, int]
 """Identifies the cells of a location at a revision: its name, when it was made, revision, number of cells."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PaintedView:
-    """What a tab shows."""
-
-    location: LocationSummary
-    state: ViewedState
-    picture: Picture
-    layout: Layout
-    taste: Taste
 
 
 class Painter:
@@ -125,7 +114,8 @@ class Painter:
             return None
         time = location.last_time if request.live or request.time is None else request.time
         state = self._source.state(Question(location.name, time, request.confidence, request.order))
-        if len(state.cell) == 0:
+        if len(state.cell) == 0 or state.shape != location.grid.shape:
+            # Of another shape it is another location, which has just taken the name of this one.
             return None
         ground, layout = self._lay(location, location.grid, state)
         usual = self._usual(location, state) if request.dim else None
@@ -136,8 +126,8 @@ class Painter:
         """Where the state's cells are, worked out once a revision."""
         key = _key(location, state)
         if self._laid is None or self._laid[0] != key:
-            ground = Ground.of(state.cell, state.shape)
-            layout = arrange(grid.origin, grid.resolution_m, ground.index, location.kind == "grid2d")
+            ground = Ground.of(grid, state.cell)
+            layout = arrange(grid, ground.index, location.kind == "grid2d")
             self._laid = (key, ground, layout)
         return self._laid[1], self._laid[2]
 
@@ -156,7 +146,7 @@ class Painter:
             return
         with scene.client.atomic():
             if self._built != shown.location.name or not shown.layout.same_as(scene.layout):
-                scene.build(shown.layout, max(shown.state.shape))
+                scene.build(shown.layout, max(shown.grid.shape))
             if self._built != shown.location.name:
                 scene.aim(from_above=shown.layout.flat)
             scene.show(shown.picture)
@@ -181,14 +171,14 @@ def _key(location: LocationSummary, state: ViewedState) -> Key:
     return location.name, location.created_at, state.revision, len(state.cell)
 
 
-def _index(shown: PaintedView, cell: int | None) -> NDArray[np.int32] | None:
-    if cell is None or cell >= int(np.prod(shown.state.shape)):
+def _index(shown: PaintedView, cell: int | None) -> NDArray[np.int64] | None:
+    if cell is None or cell >= shown.grid.n_cells:
         return None
-    index: NDArray[np.int32] = index_of(np.array([cell], dtype=np.int64), shown.state.shape)[0]
+    index: NDArray[np.int64] = shown.grid.index([cell])[0]
     return index
 
 
 def _hit(shown: PaintedView, cloud: Cloud, ray: Ray) -> tuple[float, int] | None:
     """Depth and linear index of the first cell of a cloud under a ray."""
-    hit = first_hit(ray, shown.layout.centre(cloud.index), CELL_HALF * shown.layout.resolution_m)
+    hit = first_hit(ray, shown.grid.centre_at(cloud.index), CELL_HALF * shown.grid.resolution_m)
     return None if hit is None else (hit[0], int(shown.state.cell[cloud.row[hit[1]]]))

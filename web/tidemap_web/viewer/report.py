@@ -1,19 +1,12 @@
 """Sessions in the words of messages: what the page shows."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from tidemap.services.anomalies import Anomaly
 from tidemap.services.locations import LocationSummary
-from tidemap_web.viewer.cells import index_of
 from tidemap_web.viewer.messages import PageMessage, ViewRequest
+from tidemap_web.viewer.painted import PaintedView
 from tidemap_web.viewer.span import span
-
-if TYPE_CHECKING:
-    from tidemap_web.viewer.painter import PaintedView
 
 
 def grids(items: list[LocationSummary]) -> PageMessage:
@@ -83,18 +76,16 @@ def frame(shown: PaintedView, request: ViewRequest, selected: int | None) -> Pag
 
 def cell(shown: PaintedView, number: int) -> PageMessage | None:
     """One cell's facts; None when it has never been observed."""
-    state, grid = shown.state, shown.location.grid
+    state = shown.state
     rows = np.flatnonzero(state.cell == number)
-    if grid is None or len(rows) == 0 or state.observed is None or state.observed_time is None:
+    if len(rows) == 0 or state.observed is None or state.observed_time is None:
         return None
     row = int(rows[0])
-    index = index_of(np.array([number], dtype=np.int64), state.shape)[0]
-    position = np.asarray(grid.origin) + (index + 0.5) * grid.resolution_m
     seen = int(state.observed[row])
     return {
         "cell": number,
-        "index": index.tolist(),
-        "position_m": [round(float(x), 3) for x in position],
+        "index": shown.grid.index([number])[0].tolist(),
+        "position_m": [round(float(x), 3) for x in shown.grid.centre([number])[0]],
         "probability": float(state.probability[row]),
         "observed": None if seen == 2 else seen,
         "observed_time": None if seen == 2 else float(state.observed_time[row]),
