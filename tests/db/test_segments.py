@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from sqlalchemy import select, update
 
-from tests.db.test_locations import VALUES
 from tests.db.test_observations import append, now
 from tests.support.contexts import compact_now, history_of, make_location, post_rows
 from tidemap.errors import CorruptChunkError
@@ -19,12 +18,6 @@ from tidemap.storage.records import CHUNK_CELLS, LocationRecord
 from tidemap.storage.store import Store
 from tidemap.storage.tables import history, observation
 from tidemap.storage.work import Work
-
-
-@pytest.fixture
-def location(store: Store) -> LocationRecord:
-    """A door that nobody has observed yet."""
-    return store.write(lambda work: work.locations.create(VALUES))
 
 
 def everything(store: Store) -> list[tuple[object, ...]]:

@@ -76,8 +76,8 @@ def test_a_renamed_location_keeps_everything(ctx: Context) -> None:
     assert get_location(ctx, "door").revision == 0
 
 
-def test_a_location_larger_than_the_server_allows_is_refused(sqlite_url: str) -> None:
-    with opened(sqlite_url, max_cells=12) as ctx:
+def test_a_location_larger_than_the_server_allows_is_refused(database_url: str) -> None:
+    with opened(database_url, max_cells=12) as ctx:
         make_location(ctx, "fits", (4, 3))
         with pytest.raises(InvalidInputError, match="13 cells are more than this server's 12"):
             make_location(ctx, "lab", (13, 1))

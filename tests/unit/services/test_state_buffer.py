@@ -140,8 +140,8 @@ def some_spectrum() -> Spectrum:
 
 
 @pytest.mark.parametrize("kept_bytes", [64 * 2**20, 0])
-def test_concurrent_questions_never_share_a_sheet(sqlite_url: str, kept_bytes: int) -> None:
-    with opened(sqlite_url, answer_cache_bytes=kept_bytes) as ctx:
+def test_concurrent_questions_never_share_a_sheet(database_url: str, kept_bytes: int) -> None:
+    with opened(database_url, answer_cache_bytes=kept_bytes) as ctx:
         rhythmic_lab(ctx)
         expected = {n: made_anew(state_at(ctx, "lab", StateQuery(60.0 * n))) for n in range(1000, 1020)}
         assert len(set(expected.values())) > 5

@@ -221,7 +221,7 @@ def make_lab(ctx: Context) -> None:
 
 
 def test_a_job_that_the_end_interrupts_runs_again_at_the_next_start(
-    sqlite_url: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    database_url: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     from tidemap.services import update
 
@@ -234,7 +234,7 @@ def test_a_job_that_the_end_interrupts_runs_again_at_the_next_start(
         return fit(*arguments)
 
     monkeypatch.setattr(update, "run_task", slow)
-    with opened(sqlite_url, update_threads=1) as ctx:
+    with opened(database_url, update_threads=1) as ctx:
         make_lab(ctx)
         with working(ctx) as updater:
             job = request_update(ctx, "lab", STATIC)
@@ -245,7 +245,7 @@ def test_a_job_that_the_end_interrupts_runs_again_at_the_next_start(
         assert get_job(ctx, job.id).state == "running"
         assert "failed" not in caplog.text
     monkeypatch.setattr(update, "run_task", fit)
-    with opened(sqlite_url) as ctx, working(ctx):
+    with opened(database_url) as ctx, working(ctx):
         done = until(lambda: finished(ctx, job.id))
         assert done.state == "done"
         assert done.result is not None
@@ -373,8 +373,8 @@ def test_one_location_that_cannot_be_cared_for_keeps_no_other_from_it(
     assert "location attic" in caplog.text
 
 
-def test_the_updater_can_be_told_to_leave_things_alone(sqlite_url: str) -> None:
-    with opened(sqlite_url, updater=False, updater_interval_s=0.02) as ctx:
+def test_the_updater_can_be_told_to_leave_things_alone(database_url: str) -> None:
+    with opened(database_url, updater=False, updater_interval_s=0.02) as ctx:
         make_location(ctx, "door")
         post_states(ctx, "door", 60.0 * np.arange(60), np.ones(60))
         with working(ctx):
