@@ -69,7 +69,9 @@ paper: setup ## Make every figure and table of docs/method.md again, from ../sha
 
 dist: setup ## Build the wheel and the source distribution into dist/ and check both
 	@rm -rf dist
+	@.venv/bin/python -m pip install -qq --disable-pip-version-check -c constraints.txt -e '.[release]'
 	@.venv/bin/python -m hatchling build -d dist
+	@.venv/bin/python -m twine check --strict dist/*
 	@.venv/bin/python -m pytest --quiet tests/e2e/test_wheel.py
 
 browser:

@@ -9,10 +9,12 @@ from hypothesis import settings
 from playwright.sync_api import Browser, Page
 
 from tests.support.chromium import NAMES, driving, find_chromium, launch
+from tests.support.contexts import Clock, opened
 from tests.support.databases import Databases, PostgresDatabases, SqliteDatabases
 from tests.support.office import FOLDER, Office, missing, read_office
 from tests.support.postgres import Postgres, running_postgres
 from tests.support.server import ServerProcess, StartServer
+from tidemap.services.context import Context
 
 CONSOLE = pytest.StashKey[list[str]]()
 
@@ -48,6 +50,19 @@ def empty_database_url(databases: Databases) -> Iterator[str]:
     """The URL of a fresh database with nothing in it, not even a schema."""
     with databases.empty() as url:
         yield url
+
+
+@pytest.fixture
+def clock() -> Clock:
+    """The time of `ctx`."""
+    return Clock()
+
+
+@pytest.fixture
+def ctx(database_url: str, clock: Clock) -> Iterator[Context]:
+    """An open context on a fresh database."""
+    with opened(database_url, clock) as context:
+        yield context
 
 
 @pytest.fixture

@@ -195,14 +195,14 @@ def _verify(arguments: argparse.Namespace) -> int:
 
     findings: list[Finding] = []
 
-    def tell(finding: Finding) -> None:
+    def report(finding: Finding) -> None:
         findings.append(finding)
         if not arguments.json:
             tqdm.write(str(finding))
 
     try:
         with _progress("Verifying", "locations") as show:
-            tally = verify(_settings(arguments).url, tell, show)
+            tally = verify(_settings(arguments).url, report, show)
     except (DatabaseUnusableError, SchemaVersionError) as error:
         _failed(str(error))
         return WRONG_USAGE
@@ -269,6 +269,7 @@ def _demo(arguments: argparse.Namespace) -> int:
 
 
 def _create_key(arguments: argparse.Namespace) -> int:
+    from tidemap.api.views.keys import new_key_view
     from tidemap.services.context import open_context
     from tidemap.services.keys import create_key
     from tidemap.storage.store import prepare_database
@@ -278,7 +279,7 @@ def _create_key(arguments: argparse.Namespace) -> int:
     with open_context(settings) as ctx:
         key = create_key(ctx, arguments.name or arguments.role, arguments.role)
     if arguments.json:
-        print(key.model_dump_json())
+        print(new_key_view(key).model_dump_json())
     else:
         print(key.key)
         print(f"Key {key.id} ({key.name}, {key.role}). This secret is shown this once.", file=sys.stderr)
@@ -286,13 +287,14 @@ def _create_key(arguments: argparse.Namespace) -> int:
 
 
 def _list_keys(arguments: argparse.Namespace) -> int:
+    from tidemap.api.views.keys import key_view
     from tidemap.services.context import open_context
     from tidemap.services.keys import list_keys
 
     with open_context(_settings(arguments)) as ctx:
         keys = list_keys(ctx)
     if arguments.json:
-        print(json.dumps([key.model_dump(mode="json") for key in keys]))
+        print(json.dumps([key_view(key).model_dump(mode="json") for key in keys]))
         return DONE
     for key in keys:
         print(f"{key.id}\t{key.role}\t{key.prefix}…\t{key.name}")

@@ -177,9 +177,9 @@ class InvalidInputError(DomainError):
     title = "Invalid input"
 
     def __init__(self, *errors: FieldError) -> None:
-        told = errors[:MAX_ERRORS]
-        super().__init__("; ".join(f"{error.field}: {error.message}" for error in told))
-        self.errors = told
+        shown = errors[:MAX_ERRORS]
+        super().__init__("; ".join(f"{error.field}: {error.message}" for error in shown))
+        self.errors = shown
 
     @classmethod
     def at(cls, field: str, message: str) -> "InvalidInputError":

@@ -3,7 +3,7 @@
 import logging
 
 CHATTY = ("alembic", "httpx", "uvicorn.error", "websockets")
-TOLD = ("sqlalchemy.pool",)
+REPORTED = ("sqlalchemy.pool",)
 """What these say of connections that break, with a trace for each, the store says once."""
 
 
@@ -13,5 +13,5 @@ def configure(level: str) -> None:
     if level.lower() != "debug":
         for name in CHATTY:
             logging.getLogger(name).setLevel(logging.WARNING)
-        for name in TOLD:
+        for name in REPORTED:
             logging.getLogger(name).setLevel(logging.CRITICAL)

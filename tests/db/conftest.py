@@ -1,24 +1,30 @@
-"""Stores and contexts on a fresh database of either kind."""
+"""Stores and a location on a fresh database of either kind."""
 
 from collections.abc import Iterator
+from contextlib import closing
 
 import pytest
 
-from tests.support.contexts import opened
-from tidemap.services.context import Context
+from tests.support.rows import VALUES
+from tidemap.storage.records import LocationRecord
 from tidemap.storage.store import Store
 
 
 @pytest.fixture
 def store(database_url: str) -> Iterator[Store]:
     """An open store on a fresh database."""
-    opened_store = Store(database_url)
-    yield opened_store
-    opened_store.close()
+    with closing(Store(database_url)) as opened:
+        yield opened
 
 
 @pytest.fixture
-def ctx(database_url: str) -> Iterator[Context]:
-    """An open context on a fresh database."""
-    with opened(database_url) as context:
-        yield context
+def second(database_url: str) -> Iterator[Store]:
+    """Another process's store on the same database."""
+    with closing(Store(database_url)) as opened:
+        yield opened
+
+
+@pytest.fixture
+def location(store: Store) -> LocationRecord:
+    """A door that nobody has observed yet."""
+    return store.write(lambda work: work.locations.create(VALUES))

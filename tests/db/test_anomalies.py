@@ -1,6 +1,5 @@
 """Anomaly events: ids in the order of commits, filters, acknowledgement."""
 
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -10,27 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.db.test_locations import VALUES
+from tests.support.rows import VALUES
 from tests.support.waiting import WAIT_S
 from tidemap.errors import AnomalyNotFoundError
 from tidemap.storage.records import AnomalyRecord, LocationRecord
 from tidemap.storage.repositories.anomalies import AnomalyFilter
 from tidemap.storage.store import Store
 from tidemap.storage.work import Work
-
-
-@pytest.fixture
-def location(store: Store) -> LocationRecord:
-    """A door."""
-    return store.write(lambda work: work.locations.create(VALUES))
-
-
-@pytest.fixture
-def second(database_url: str) -> Iterator[Store]:
-    """Another process's store on the same database."""
-    other = Store(database_url)
-    yield other
-    other.close()
 
 
 def event_of(location: LocationRecord, **changes: Any) -> AnomalyRecord:

@@ -9,11 +9,10 @@ from sqlalchemy import Table, delete, select, update
 from tests.support.contexts import compact_now, history_of, make_location, post_rows, post_states, refit
 from tidemap.errors import CorruptChunkError
 from tidemap.schemas.locations import LocationPatch
-from tidemap.schemas.maps import EvaluateForm
 from tidemap.services.anomalies import EventQuery, acknowledge, list_events
 from tidemap.services.context import Context
 from tidemap.services.detect import DetectQuery, detect
-from tidemap.services.evaluate import evaluate
+from tidemap.services.evaluate import EvaluateQuery, evaluate
 from tidemap.services.locations import change_location, delete_location, find_location
 from tidemap.services.model import model_of
 from tidemap.services.predict import PredictQuery, StateQuery, predict_at, state_at
@@ -83,7 +82,7 @@ class TestSpectrum:
         assert predict_at(ctx, "lab", PredictQuery([0.0], [2400, 0])).probability[:, 0].tolist() == pytest.approx(
             whole.probability[[3, 0]].tolist()
         )
-        assert model_of(ctx, "lab", 2400).mean == pytest.approx(0.5)
+        assert model_of(ctx, "lab", 2400).spectrum.mean[0] == pytest.approx(0.5)
         assert series(ctx, "lab", SeriesQuery(0)).observed.tolist() == [0, 1] * 3
 
     def test_a_question_about_it_is_a_clear_error(self, ctx: Context) -> None:
@@ -213,8 +212,8 @@ class TestHistory:
         assert view.unavailable == MIDDLE
         events, _ = detect(ctx, "lab", DetectQuery(0.0, MINUTE * 6, confidence=0.5))
         assert {cell for event in events for cell in event.cells} == {0, 2400}
-        form = EvaluateForm(start=0.0, stop=MINUTE * 6, orders=[0], estimators=["static"])
-        assert evaluate(ctx, "lab", form).results[0].n == 12
+        form = EvaluateQuery(start=0.0, stop=MINUTE * 6, orders=[0], estimators=["static"])
+        assert evaluate(ctx, "lab", form).candidates[0].scores.n == 12
 
     def test_the_only_chunk_keeps_its_model(self, ctx: Context) -> None:
         make_location(ctx, "door")
@@ -248,7 +247,10 @@ def test_an_event_whose_cells_are_damaged_is_shown_without_them(ctx: Context) ->
     first = update(anomaly).where(anomaly.c.id == 1).values(cells=b"")
     ctx.store.write(lambda work: work.jobs._connection.execute(first))
     events = list_events(ctx, EventQuery())
-    assert [(event.id, event.cells, event.bbox is None) for event in events] == [(1, [], True), (2, [7], False)]
+    assert [(event.id, event.cells.tolist(), event.bbox is None) for event in events] == [
+        (1, [], True),
+        (2, [7], False),
+    ]
     assert acknowledge(ctx, 1, "me", None).acknowledged_by == "me"
     assert ctx.damage.count() == 1
 

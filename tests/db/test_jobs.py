@@ -1,30 +1,15 @@
 """Jobs: each is claimed once, and changes only from the state it is in."""
 
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import pytest
 
-from tests.db.test_locations import VALUES
+from tests.support.rows import VALUES
 from tidemap.errors import JobNotFoundError, LocationNotFoundError
 from tidemap.storage.records import LocationRecord
 from tidemap.storage.store import Store
 from tidemap.storage.work import Work
-
-
-@pytest.fixture
-def location(store: Store) -> LocationRecord:
-    """A door."""
-    return store.write(lambda work: work.locations.create(VALUES))
-
-
-@pytest.fixture
-def second(database_url: str) -> Iterator[Store]:
-    """Another process's store on the same database."""
-    other = Store(database_url)
-    yield other
-    other.close()
 
 
 def queue(store: Store, location: LocationRecord, count: int = 1) -> list[int]:

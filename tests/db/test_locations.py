@@ -1,13 +1,13 @@
 """The repository of locations: their rows, and that nothing is left of a deleted one."""
 
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pytest
 from sqlalchemy import func, select
 
-from tests.support.contexts import NOW, compact_now, make_location, post_rows, refit
+from tests.support.contexts import compact_now, make_location, post_rows, refit
+from tests.support.rows import VALUES
 from tidemap.errors import LocationExistsError, LocationNotFoundError
 from tidemap.services.context import Context
 from tidemap.services.jobs import request_update
@@ -18,22 +18,6 @@ from tidemap.storage.store import Store
 from tidemap.storage.tables import metadata
 from tidemap.storage.work import Work
 
-VALUES: dict[str, Any] = {
-    "name": "door",
-    "kind": "state",
-    "interval_s": 60.0,
-    "time_zone": "Europe/London",
-    "epoch": 0.5,
-    "grid": None,
-    "estimator": "auto",
-    "order": None,
-    "confidence": 0.9,
-    "missing": "mask",
-    "hold_s": None,
-    "retention_s": None,
-    "min_cells": 1,
-    "created_at": NOW,
-}
 OWNED = [table for table in metadata.sorted_tables if "location_id" in table.c]
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from sqlalchemy import text
 
-from tests.support.databases import PostgresDatabases, migrate_to_head
+from tests.support.databases import PostgresDatabases, SqliteDatabases
 from tests.support.paths import ROOT
 from tests.support.postgres import Postgres
 from tests.support.waiting import until
@@ -20,11 +20,10 @@ from tidemap.storage.store import Store
 
 
 @pytest.fixture
-def sqlite_url(tmp_path: Path) -> str:
+def sqlite_url(tmp_path: Path) -> Iterator[str]:
     """Of a SQLite database."""
-    url = f"sqlite:///{tmp_path / 'tidemap.db'}"
-    migrate_to_head(url)
-    return url
+    with SqliteDatabases(tmp_path).migrated() as url:
+        yield url
 
 
 @pytest.fixture

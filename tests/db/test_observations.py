@@ -3,11 +3,10 @@
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
-import pytest
 from sqlalchemy import select, update
 
-from tests.db.test_locations import VALUES
 from tests.support.contexts import history_of, make_location, opened, post_rows
+from tests.support.rows import VALUES
 from tests.support.truth import Row, measurements_of
 from tidemap.services.context import Context
 from tidemap.services.locations import delete_location, find_location
@@ -15,12 +14,6 @@ from tidemap.storage.blobs import pack_measurements
 from tidemap.storage.records import LocationRecord, ObservationRecord
 from tidemap.storage.store import Store
 from tidemap.storage.tables import observation
-
-
-@pytest.fixture
-def location(store: Store) -> LocationRecord:
-    """A door that nobody has observed yet."""
-    return store.write(lambda work: work.locations.create(VALUES))
 
 
 def record_of(rows: list[Row], key: str | None = None, digest: bytes = b"body") -> ObservationRecord:

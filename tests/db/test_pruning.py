@@ -1,12 +1,12 @@
 """What is pruned, when, and that nothing else goes with it."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.support.contexts import Clock, Serial, compact_now, history_of, make_location, opened, post_rows, refit
+from tests.support.contexts import Clock, Serial, compact_now, history_of, make_location, post_rows, refit
 from tidemap.errors import ShuttingDownError
 from tidemap.schemas.locations import LocationPatch
 from tidemap.services import pruning
@@ -19,17 +19,6 @@ from tidemap.services.update import UpdateRequest
 from tidemap.services.verify import verify
 from tidemap.settings import DAY_S, WEEK_S
 from tidemap.storage.tables import observation
-
-
-@pytest.fixture
-def clock() -> Clock:
-    return Clock()
-
-
-@pytest.fixture
-def ctx(database_url: str, clock: Clock) -> Iterator[Context]:
-    with opened(database_url, clock) as context:
-        yield context
 
 
 def post(ctx: Context, number: int, name: str = "lab") -> bool:

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from sqlalchemy import select, update
 
-from tests.db.test_locations import VALUES
 from tests.db.test_observations import append, now
 from tests.support.contexts import compact_now, history_of, make_location, post_rows
 from tidemap.errors import CorruptChunkError
 from tidemap.history.segment import Segment
-from tidemap.services.compaction import put_in_place
+from tidemap.services.compaction import replace_log
 from tidemap.services.context import Context
 from tidemap.services.locations import find_location
 from tidemap.storage.blobs import pack_segment
@@ -19,12 +18,6 @@ from tidemap.storage.records import CHUNK_CELLS, LocationRecord
 from tidemap.storage.store import Store
 from tidemap.storage.tables import history, observation
 from tidemap.storage.work import Work
-
-
-@pytest.fixture
-def location(store: Store) -> LocationRecord:
-    """A door that nobody has observed yet."""
-    return store.write(lambda work: work.locations.create(VALUES))
 
 
 def everything(store: Store) -> list[tuple[object, ...]]:
@@ -38,9 +31,9 @@ def test_of_two_compactions_from_one_record_the_second_changes_nothing(store: St
         append(store, location, [(60.0 * n, 0, 1)])
     old = now(store, location)
     mine, theirs = (pack_segment(Segment.empty(1, number)) for number in (0, 1))
-    assert store.write(lambda work: put_in_place(work, old, 2, {(0, 0): mine}))
+    assert store.write(lambda work: replace_log(work, old, 2, {(0, 0): mine}))
     before = everything(store)
-    assert not store.write(lambda work: put_in_place(work, old, 3, {(0, 0): theirs, (0, 1): theirs}))
+    assert not store.write(lambda work: replace_log(work, old, 3, {(0, 0): theirs, (0, 1): theirs}))
     assert everything(store) == before
     assert now(store, location).compacted_seq == 2
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from sqlalchemy import func, select, update
 
-from tests.db.test_locations import VALUES
 from tests.support.contexts import make_location, post_rows, refit
+from tests.support.rows import VALUES
 from tidemap.errors import CorruptChunkError
 from tidemap.services.context import Context, Loaded
 from tidemap.services.predict import PredictQuery, StateQuery, predict_at, state_at

@@ -424,7 +424,7 @@ def test_a_log_file_that_readers_kept_open_is_emptied_when_they_let_go(
 ) -> None:
     only_on(engine, "sqlite")
     monkeypatch.setattr("tidemap.storage.checkpoint.MAX_BYTES", 50_000)
-    monkeypatch.setattr("tidemap.storage.checkpoint.PATIENCE_S", 0.001)
+    monkeypatch.setattr("tidemap.storage.checkpoint.MAX_WAIT_S", 0.001)
     monkeypatch.setattr("tidemap.storage.checkpoint.REST_S", 0.0)
     log = Path(database_url.removeprefix("sqlite:///") + "-wal")
     with store.read() as work:

@@ -13,11 +13,11 @@ from tidemap.formats.registry import Body
 from tidemap.history.history import History
 from tidemap.history.measurements import Measurements
 from tidemap.media_types import ARROW
-from tidemap.schemas.locations import Location, LocationForm
+from tidemap.schemas.locations import LocationForm
 from tidemap.services.compaction import compact
 from tidemap.services.context import Context, open_context
 from tidemap.services.history import read_history
-from tidemap.services.locations import create_location, find_location
+from tidemap.services.locations import LocationSummary, create_location, find_location
 from tidemap.services.observe import observe
 from tidemap.services.posts import Observed, Post
 from tidemap.services.update import UpdateRequest, run_update
@@ -78,7 +78,7 @@ def elected(ctx: Context) -> AbstractContextManager[LeaderElection]:
     return at_work(LeaderElection(ctx))
 
 
-def make_location(ctx: Context, name: str = "lab", shape: Sequence[int] | None = None, **form: Any) -> Location:
+def make_location(ctx: Context, name: str = "lab", shape: Sequence[int] | None = None, **form: Any) -> LocationSummary:
     """A `state`, or a grid where a shape is given; samples of a minute unless told otherwise."""
     if shape is not None:
         form |= {"kind": f"grid{len(shape)}d", "grid": {"resolution_m": 0.5, "shape": list(shape)}}

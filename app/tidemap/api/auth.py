@@ -15,9 +15,8 @@ from starlette.requests import HTTPConnection
 from tidemap.api.limits import Limits, Senders
 from tidemap.api.state import state_of
 from tidemap.errors import DomainError, ForbiddenError, OtherSiteError, UnauthorizedError
-from tidemap.schemas.keys import Role
 from tidemap.services.context import Context
-from tidemap.services.keys import OPEN, Claim, Principal, allows, by_secret, by_session, digest_of, is_open
+from tidemap.services.keys import OPEN, Claim, Principal, Role, allows, by_secret, by_session, digest_of, is_open
 from tidemap.settings import Settings, is_loopback
 
 Answer = TypeVar("Answer")

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from tidemap.errors import TooManyBodiesError
 
-PATIENCE_S = 5.0
+MAX_WAIT_S = 5.0
 """How long a body waits for its share."""
 SMALL_BYTES = 1 << 20
 """What takes no more, unpacked and parsed, never waits for what does."""
@@ -32,10 +32,10 @@ class Lane:
     bodies hold the rest. So at most `total` and what one body may take is held, and nobody waits for ever.
     """
 
-    def __init__(self, total: int, patience_s: float = PATIENCE_S) -> None:
+    def __init__(self, total: int, max_wait_s: float = MAX_WAIT_S) -> None:
         self.held = 0
         self._total = total
-        self._patience_s = patience_s
+        self._max_wait_s = max_wait_s
         self._queue: deque[PendingGrant] = deque()
         self._overdrawn: LaneShare | None = None
 
@@ -60,7 +60,7 @@ class Lane:
         self._queue.append(grant)
         self._serve()
         try:
-            async with asyncio.timeout(self._patience_s):
+            async with asyncio.timeout(self._max_wait_s):
                 await grant.granted.wait()
         except TimeoutError:
             if not grant.granted.is_set():
@@ -71,7 +71,7 @@ class Lane:
                 self._serve()
 
     def _serve(self) -> None:
-        """Grant grants in their order, as far as it goes."""
+        """Grant what waits, in its order, as far as it goes."""
         while self._queue:
             grant = self._queue[0]
             if not self._fits(grant.size):

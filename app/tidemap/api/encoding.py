@@ -59,9 +59,9 @@ class Parts(Response):
         await send({"type": "http.response.body", "body": last})
 
 
-def encode_sheet(facts: StateFacts, loan: BufferLease[StateBuffer]) -> Response:
+def encode_buffer(facts: StateFacts, lease: BufferLease[StateBuffer]) -> Response:
     """The answer to a question about a whole map, in Arrow."""
-    return Parts((loan.value.arrow.head(_state_facts(facts)), loan.memory.data), ARROW)
+    return Parts((lease.value.arrow.head(_state_facts(facts)), lease.memory.data), ARROW)
 
 
 def encode_grid(facts: StateFacts, grid: NDArray[np.float32]) -> Response:

@@ -9,7 +9,7 @@ from prometheus_client.core import GaugeMetricFamily
 from prometheus_client.registry import Collector
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from tidemap.events.messages import EventMessage
+from tidemap.events.subscription import EventFilter, listen
 from tidemap.services.context import Context
 
 METHODS = frozenset(HTTPMethod)
@@ -37,12 +37,9 @@ def make_registry(ctx: Context, is_leader: Callable[[], bool] = lambda: False) -
     measurements = Counter("tidemap_measurements", "Measurements stored.", registry=registry)
     events = Counter("tidemap_events", "Messages by kind.", ["kind"], registry=registry)
 
-    def listen(event: EventMessage) -> None:
-        events.labels(event.kind).inc()
-        if event.kind == "observation":
-            measurements.inc(event.data["measurements"])
-
-    ctx.bus.subscribe(listen)
+    listen(ctx.bus, EventFilter(), lambda message: events.labels(message.kind).inc())
+    posted = EventFilter(kinds=frozenset({"observation"}))
+    listen(ctx.bus, posted, lambda message: measurements.inc(message.data["measurements"]))
     return registry
 
 

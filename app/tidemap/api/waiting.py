@@ -8,15 +8,16 @@ from starlette.requests import Request
 
 from tidemap.api.askers import asker_left
 from tidemap.api.state import state_of
-from tidemap.events.messages import EventMessage
-from tidemap.schemas.jobs import Job
+from tidemap.events.subscription import EventFilter, listen
 from tidemap.services.jobs import get_job
+from tidemap.storage.records import JobRecord
 
+JOBS = EventFilter(kinds=frozenset({"job"}))
 POLL_S = 0.5
 """A message is a hint that may come from another process and get lost; so look now and then."""
 
 
-async def wait_for_job(request: Request, find: Callable[[], Job], wait_s: float) -> Job:
+async def wait_for_job(request: Request, find: Callable[[], JobRecord], wait_s: float) -> JobRecord:
     """What `find` returns, a new job or a known one, when it has ended or after `wait_s` seconds.
 
     Sooner where the asker leaves or the server stops; the job goes on.
@@ -25,11 +26,7 @@ async def wait_for_job(request: Request, find: Callable[[], Job], wait_s: float)
     ctx, loop = state.ctx, asyncio.get_running_loop()
     changed = asyncio.Event()
 
-    def listen(message: EventMessage) -> None:
-        if message.kind == "job":
-            loop.call_soon_threadsafe(changed.set)
-
-    unsubscribe = ctx.bus.subscribe(listen)
+    unsubscribe = listen(ctx.bus, JOBS, lambda _: loop.call_soon_threadsafe(changed.set))
     try:
         job = await run_in_threadpool(find)
         deadline = loop.time() + wait_s

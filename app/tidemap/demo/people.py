@@ -11,7 +11,7 @@ WEEKLY_MEETING = (TUESDAY, 10.0, 11.0)
 MEETING_SLOT_H = 1.0
 
 
-class Place(Enum):
+class Whereabouts(Enum):
     """Where somebody can be."""
 
     DESK = "desk"
@@ -83,18 +83,18 @@ def _weekend(habits: Habits, weekday: int) -> float:
     return habits.saturdays if weekday == SATURDAY else 0.0
 
 
-def place(habits: Habits, now: Moment, *key: int) -> Place:
+def whereabouts(habits: Habits, now: Moment, *key: int) -> Whereabouts:
     """Where somebody with these habits is. `key` names the person (and the world)."""
     day = day_of(habits, now.weekday, *key, now.day)
     if not day.arrives <= now.hour < day.leaves:
-        return Place.AWAY
+        return Whereabouts.AWAY
     if habits.meets and in_weekly_meeting(now):
-        return Place.MEETING
+        return Whereabouts.MEETING
     if day.lunch <= now.hour < day.lunch + LUNCH_H:
-        return Place.AWAY if habits.eats_in is None else Place.KITCHEN
+        return Whereabouts.AWAY if habits.eats_in is None else Whereabouts.KITCHEN
     if habits.eats_in is not None and any(0 <= now.hour - cup < COFFEE_H for cup in (day.coffee, day.tea)):
-        return Place.KITCHEN
-    return Place.DESK
+        return Whereabouts.KITCHEN
+    return Whereabouts.DESK
 
 
 def in_weekly_meeting(now: Moment) -> bool:

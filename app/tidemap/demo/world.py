@@ -3,7 +3,7 @@
 from tidemap.demo import plan
 from tidemap.demo.chance import draw
 from tidemap.demo.civil import THURSDAY, TUESDAY, Moment, moment
-from tidemap.demo.people import LAB_TEAM, OFFICE_TEAM, Habits, Place, guests, hours, place
+from tidemap.demo.people import LAB_TEAM, OFFICE_TEAM, Habits, Whereabouts, guests, hours, whereabouts
 from tidemap.demo.plan import Cells, Seat, fill
 from tidemap.demo.story import Story, within
 
@@ -32,7 +32,7 @@ class World:
         return cells
 
     def states(self, time: float) -> dict[str, bool]:
-        """The states of the named places at Unix seconds."""
+        """The states of the locations that are no grid at Unix seconds."""
         now = moment(time)
         taken = self._taken(time, now)
         return {
@@ -73,12 +73,12 @@ class World:
     def _team(self, team: tuple[Habits, ...], desks: tuple[Seat, ...], group: int, now: Moment) -> set[Seat]:
         taken = set()
         for person, (habits, desk) in enumerate(zip(team, desks, strict=True)):
-            where = place(habits, now, self.seed, group, person)
-            if where is Place.DESK:
+            where = whereabouts(habits, now, self.seed, group, person)
+            if where is Whereabouts.DESK:
                 taken.add(desk)
-            elif where is Place.KITCHEN and habits.eats_in is not None:
+            elif where is Whereabouts.KITCHEN and habits.eats_in is not None:
                 taken.add(plan.KITCHEN_SEATS[habits.eats_in])
-            elif where is Place.MEETING:
+            elif where is Whereabouts.MEETING:
                 taken.add(plan.MEETING_SEATS[2 * group + person])
         return taken
 

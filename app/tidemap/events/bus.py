@@ -7,7 +7,7 @@ from threading import Lock
 from tidemap.events.messages import EventMessage
 
 log = logging.getLogger(__name__)
-Listener = Callable[[EventMessage], None]
+Listener = Callable[[EventMessage], object]
 
 
 class Bus:
@@ -29,7 +29,7 @@ class Bus:
         return unsubscribe
 
     def publish(self, message: EventMessage) -> None:
-        """Tell every listener; one that fails does not keep it from the others."""
+        """Publish to every listener; one that fails does not keep it from the others."""
         for listener in self._listeners:
             try:
                 listener(message)

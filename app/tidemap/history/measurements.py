@@ -80,7 +80,7 @@ class Measurements:
 
 
 def _sorted(key: NDArray[Key]) -> NDArray[Key]:
-    """The keys, sorted in place; O(n) where they are few ascending runs, as they are in looks sent state by state."""
+    """The keys, sorted in place; O(n) where they are few ascending runs, as in snapshots sent state by state."""
     few = np.count_nonzero(key[1:] < key[:-1]) < FEW_RUNS
     key.sort(kind="stable" if few else "quicksort")
     return key

@@ -29,9 +29,9 @@ def transpose(plane: Plane) -> Plane:
     >>> transpose(np.array([[0b101], [0b100]], np.uint8)).ravel().tolist()
     [1, 0, 3, 0, 0, 0, 0, 0]
     """
-    turned = np.zeros((8 * plane.shape[1], -(-len(plane) // 8)), np.uint8)
-    _transpose(plane, turned)
-    return turned
+    out = np.zeros((8 * plane.shape[1], -(-len(plane) // 8)), np.uint8)
+    _transpose(plane, out)
+    return out
 
 
 def fill_unobserved(observed: Plane, occupied: Plane) -> Plane:
@@ -52,13 +52,13 @@ def _transpose(plane: Plane, out: Plane) -> None:
             word = np.uint64(0)
             for row in range(rows):
                 word |= np.uint64(plane[8 * block + row, byte]) << np.uint64(8 * row)
-            word = _turned(word)
+            word = _transpose_word(word)
             for bit in range(8):
                 out[8 * byte + bit, block] = (word >> np.uint64(8 * bit)) & np.uint64(255)
 
 
 @kernel
-def _turned(word: Any) -> Any:
+def _transpose_word(word: Any) -> Any:
     """Eight rows of eight bits with their columns as rows: squares of one, two, then four bits change places."""
     change = (word ^ (word >> np.uint64(7))) & np.uint64(0x00AA00AA00AA00AA)
     word ^= change ^ (change << np.uint64(7))

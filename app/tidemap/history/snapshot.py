@@ -19,7 +19,7 @@ def sort_snapshot(
     span: tuple[float, float],
     n_cells: int,
 ) -> Measurements | None:
-    """The measurements (n,) in order (`Measurements.in_order`), where they are a plain look; else None.
+    """The measurements (n,) in order (`Measurements.in_order`), where they are a plain snapshot; else None.
 
     That is: at one time, within `span` (both ends may be), states 0 or 1 of distinct cells below `n_cells`, which
     ascend but for one place at most, as those of a robot do that sends what it saw occupied and then what it saw free.
@@ -29,10 +29,10 @@ def sort_snapshot(
     if not len(time) or any(not _fits(column, dtype) for column, dtype in zip(columns, TYPES, strict=True)):
         return None
     views: list[NDArray[Any]] = [_read_only(column) for column in columns]
-    look = Measurements(
+    snapshot = Measurements(
         np.broadcast_to(views[0][:1], len(time)), np.empty(len(time), np.uint32), np.empty(len(time), np.uint8)
     )
-    return look if _merge(views[0], views[1], views[2], *span, n_cells, look.cell, look.state) else None
+    return snapshot if _merge(views[0], views[1], views[2], *span, n_cells, snapshot.cell, snapshot.state) else None
 
 
 def _fits(column: NDArray[np.generic], dtype: np.dtype[np.generic]) -> bool:
@@ -58,7 +58,7 @@ def _merge(
     cell_out: NDArray[np.uint32],
     state_out: NDArray[np.uint8],
 ) -> bool:
-    """Fills the last two, ascending by cell; False where these are no plain look."""
+    """Fills the last two, ascending by cell; False where these are no plain snapshot."""
     n, first = cell.size, time[0]
     if not (earliest <= first <= latest):
         return False

@@ -17,6 +17,9 @@ OrderChoice = Order | Literal["auto"]
 Confidence = Annotated[float, Field(ge=0.5, lt=1)]
 Missing = Literal["mask", "hold"]
 Seconds = Annotated[float, Field(gt=0, le=FARTHEST_S)]
+MAX_INT32 = 2**31 - 1
+"""What a database holds in an integer."""
+MinCells = Annotated[int, Field(ge=1, le=MAX_INT32)]
 Metres = Annotated[float, Strict()]
 
 
@@ -79,7 +82,7 @@ class LocationForm(Form):
     missing: Missing = "mask"
     hold_s: Seconds | None = Field(None, description="How long a state stands at most, for `hold`.")
     retention: Seconds | None = Field(None, description="Forget history older than this many seconds.")
-    min_cells: int = Field(1, ge=1, description="Events of fewer neighbouring cells are not reported.")
+    min_cells: MinCells = Field(1, description="Events of fewer neighbouring cells are not reported.")
 
     @model_validator(mode="after")
     def _consistent(self) -> "LocationForm":
@@ -114,7 +117,7 @@ class LocationPatch(Form):
     missing: Missing | None = None
     hold_s: Seconds | None = None
     retention: Seconds | None = None
-    min_cells: int | None = Field(None, ge=1)
+    min_cells: MinCells | None = None
 
     kind: Fixed = None
     interval_s: Fixed = None

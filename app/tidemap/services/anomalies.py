@@ -1,13 +1,22 @@
 """Anomalies: list and acknowledge stored events."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from tidemap.errors import refuse_reversed
-from tidemap.schemas.anomalies import Event
 from tidemap.services.context import Context
 from tidemap.storage.records import AnomalyRecord, LocationRecord
 from tidemap.storage.repositories.anomalies import AnomalyFilter
 from tidemap.storage.work import Work
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Anomaly(AnomalyRecord):
+    """An event with the name of its location. `cells` (n,) ascend, and may be the first of `cells_total`; `bbox` is
+    [x0, y0, z0, x1, y1, z1] in metres, None of kind `state`."""
+
+    location: str
+    cells_total: int
+    bbox: tuple[float, ...] | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +32,7 @@ class EventQuery:
     acknowledged: bool | None = None
 
 
-def list_events(ctx: Context, query: EventQuery) -> list[Event]:
+def list_events(ctx: Context, query: EventQuery) -> list[Anomaly]:
     """Stored events, oldest first. Raises LocationNotFoundError, InvalidInputError."""
     refuse_reversed(query.start, query.stop)
     with ctx.store.read() as work:
@@ -42,7 +51,7 @@ def list_events(ctx: Context, query: EventQuery) -> list[Event]:
     return [_known(ctx, locations[record.location_id], record) for record in records]
 
 
-def get_event(ctx: Context, anomaly_id: int) -> Event:
+def get_event(ctx: Context, anomaly_id: int) -> Anomaly:
     """A stored event. Raises AnomalyNotFoundError."""
     with ctx.store.read() as work:
         record = work.anomalies.get(anomaly_id)
@@ -50,7 +59,7 @@ def get_event(ctx: Context, anomaly_id: int) -> Event:
     return _known(ctx, location, record)
 
 
-def acknowledge(ctx: Context, anomaly_id: int, by: str, note: str | None) -> Event:
+def acknowledge(ctx: Context, anomaly_id: int, by: str, note: str | None) -> Anomaly:
     """Raises AnomalyNotFoundError."""
 
     def run(work: Work) -> tuple[LocationRecord, AnomalyRecord]:
@@ -60,23 +69,18 @@ def acknowledge(ctx: Context, anomaly_id: int, by: str, note: str | None) -> Eve
     return _known(ctx, *ctx.store.write(run))
 
 
-def _known(ctx: Context, location: LocationRecord, record: AnomalyRecord) -> Event:
-    """A stored event as the API shows it; one whose cells cannot be read is shown without them."""
+def _known(ctx: Context, location: LocationRecord, record: AnomalyRecord) -> Anomaly:
+    """A stored event; one whose cells cannot be read has none."""
     if record.damage is not None:
         ctx.damage.found(location.id, record.damage)
-    return wire(location, record)
+    return anomaly_of(location, record)
 
 
-def wire(location: LocationRecord, record: AnomalyRecord) -> Event:
-    """An event as the API shows it."""
-    box = location.grid.bounding_box(record.cells) if location.grid and len(record.cells) else None
-    shared = ("start", "stop", "observed", "probability", "surprise", "confidence", "rule", "revision")
-    people = ("acknowledged_by", "acknowledged_at", "note")
-    return Event(
-        id=record.id or None,
+def anomaly_of(location: LocationRecord, record: AnomalyRecord) -> Anomaly:
+    """An event of a location from its row."""
+    return Anomaly(
+        **{each.name: getattr(record, each.name) for each in fields(record)},
         location=location.name,
-        cells=record.cells.tolist(),
         cells_total=len(record.cells),
-        bbox=None if box is None else list(box),
-        **{field: getattr(record, field) for field in (*shared, *people)},
+        bbox=location.grid.bounding_box(record.cells) if location.grid and len(record.cells) else None,
     )

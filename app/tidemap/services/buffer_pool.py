@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 Bytes = NDArray[np.uint8]
 
 
-class Lendable(Protocol):
-    """A value whose `memory` is lent to others; it takes `n_bytes` in all."""
+class Pooled(Protocol):
+    """A value whose `memory` others lease; it takes `n_bytes` in all."""
 
     @property
     def memory(self) -> Bytes: ...
@@ -26,7 +26,7 @@ class Lendable(Protocol):
     def n_bytes(self) -> int: ...
 
 
-Value = TypeVar("Value", bound=Lendable)
+Value = TypeVar("Value", bound=Pooled)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,8 +38,8 @@ class BufferLease(Generic[Value]):
 
 
 class BufferPool(Generic[Value]):
-    """Values by key, each lent to one at a time; those of the keys that were asked for least recently are dropped once
-    `limit` bytes are exceeded, and what is lent of them meanwhile stays as it is."""
+    """Values by key, each leased to one at a time; those of the keys that were asked for least recently are dropped
+    once `limit` bytes are exceeded, and what is leased of them meanwhile stays as it is."""
 
     def __init__(self, limit: int) -> None:
         self._lock = Lock()
@@ -50,7 +50,7 @@ class BufferPool(Generic[Value]):
         """Memory of what is kept, in bytes."""
         return int(self._shelves.currsize)
 
-    def borrow(self, key: Hashable, version: Hashable, make: Callable[[], Value]) -> BufferLease[Value]:
+    def lease(self, key: Hashable, version: Hashable, make: Callable[[], Value]) -> BufferLease[Value]:
         """A value of `key` in this version; made, outside of any lock, where none is free.
 
         One version of a key is kept at a time, so that what is out of date takes no room.
@@ -58,12 +58,12 @@ class BufferPool(Generic[Value]):
         with self._lock:
             free = self._free(key, version)
             if free is not None:
-                return free.lend()
+                return free.lease()
         item = _Item(make())
-        loan = item.lend()
+        lease = item.lease()
         with self._lock:
             self._keep(key, version, item)
-        return loan
+        return lease
 
     def _free(self, key: Hashable, version: Hashable) -> "_Item[Value] | None":
         shelf = self._shelves.get(key)
@@ -82,22 +82,22 @@ class BufferPool(Generic[Value]):
 
 
 class _Item(Generic[Value]):
-    """A value, and a weak hold on what was lent of it last."""
+    """A value, and a weak hold on what was leased of it last."""
 
     def __init__(self, value: Value) -> None:
         self.value = value
-        self._lent: ref[Bytes] | None = None
+        self._leased: ref[Bytes] | None = None
 
     @property
     def free(self) -> bool:
-        """Whether nobody has anything of what was lent."""
-        return self._lent is None or self._lent() is None
+        """Whether nobody has anything of what was leased."""
+        return self._leased is None or self._leased() is None
 
-    def lend(self) -> BufferLease[Value]:
-        """The value with its memory as an array that is lent to nobody yet."""
+    def lease(self) -> BufferLease[Value]:
+        """The value with its memory as an array that nobody has yet."""
         # An array over a memoryview, not a slice of an array: whatever is made of it holds on to it.
         memory = np.frombuffer(self.value.memory.data.toreadonly(), np.uint8)
-        self._lent = ref(memory)
+        self._leased = ref(memory)
         return BufferLease(self.value, memory)
 
 

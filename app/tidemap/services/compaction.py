@@ -32,7 +32,7 @@ def compact(ctx: Context, location: LocationRecord, check: Callable[[], None] = 
         target = work.locations.by_id(location.id).observation_seq
     while _compact_some(ctx, location.id, target, check):
         pass
-    ctx.store.write(lambda work: work.observations.give_back())
+    ctx.store.write(lambda work: work.observations.shrink_file())
 
 
 def forget(ctx: Context, location: LocationRecord) -> None:
@@ -65,11 +65,11 @@ def _compact_some(ctx: Context, location_id: int, target: int, check: Callable[[
         for key, payload in _merge_all(ctx, location, _split(parts)):
             merged[key] = payload
             check()
-        ctx.store.write(lambda work: put_in_place(work, location, through, merged, damaged))
+        ctx.store.write(lambda work: replace_log(work, location, through, merged, damaged))
     return True
 
 
-def put_in_place(
+def replace_log(
     work: Work,
     location: LocationRecord,
     through: int,
@@ -87,7 +87,7 @@ def put_in_place(
 
 
 def _unpack(ctx: Context, location: LocationRecord, rows: list[Packed]) -> tuple[list[Measurements], set[int]]:
-    """What can be read of a part of the log, and the numbers of what cannot, which is told of."""
+    """What can be read of a part of the log, and the numbers of what cannot, which is reported."""
     parts, damaged = [], set()
     # In two large arrays: hundreds of small ones would leave holes in the heap when they go.
     total = sum(row.measurements for row in rows)

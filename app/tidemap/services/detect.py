@@ -7,8 +7,7 @@ import numpy as np
 
 from tidemap.errors import CorruptChunkError, InvalidInputError, refuse_reversed
 from tidemap.history.history import UNOBSERVED
-from tidemap.schemas.anomalies import Event
-from tidemap.services.anomalies import wire
+from tidemap.services.anomalies import Anomaly, anomaly_of
 from tidemap.services.context import Context
 from tidemap.services.history import read_history, window
 from tidemap.services.judge import Criterion, Marks, group
@@ -37,7 +36,7 @@ class DetectQuery:
 
 def detect(
     ctx: Context, name: str, query: DetectQuery, check: Callable[[], None] = lambda: None
-) -> tuple[list[Event], int]:
+) -> tuple[list[Anomaly], int]:
     """The events of the history and the revision they were judged by; nothing is stored.
 
     Chunks that are damaged are left out. `check` is called between blocks; what it raises ends the search.
@@ -64,7 +63,7 @@ def detect(
             if location.n_chunks == 1:
                 raise
     marks = _joined(parts)
-    return [wire(location, event) for event in group(location, marks, criterion)], model.revision.revision
+    return [anomaly_of(location, event) for event in group(location, marks, criterion)], model.revision.revision
 
 
 def _ceiling(location: LocationRecord, time: float) -> int:

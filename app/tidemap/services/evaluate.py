@@ -1,6 +1,6 @@
 """Evaluate: how well estimators and orders predict measurements, of the history or given."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
 
@@ -9,12 +9,11 @@ from numpy.typing import NDArray
 
 from tidemap.errors import CorruptChunkError, InvalidInputError, refuse_reversed
 from tidemap.history.history import UNOBSERVED, History
-from tidemap.schemas.maps import Best, EvaluateForm, Evaluation, EvaluationRow, ReliabilityRow
 from tidemap.services.context import Context
 from tidemap.services.history import read_history, window
 from tidemap.services.spectra import current_revision, recipe_for
 from tidemap.spectral.estimators import fit_recipe
-from tidemap.spectral.evaluation import Scores, ScoreSums
+from tidemap.spectral.evaluation import Reliability, Scores, ScoreSums
 from tidemap.spectral.prediction import predict_times
 from tidemap.spectral.recipe import Recipe
 from tidemap.spectral.spectrum import Spectrum, truncate
@@ -33,6 +32,43 @@ Candidate = tuple[str, int]
 """Estimator and order."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EvaluateQuery:
+    """What to score, against the history in [start, stop) or measurements given; None: the revision's own choice.
+
+    Each candidate is fitted on the window of the current revision, or on [train_start, train_stop).
+    """
+
+    orders: Sequence[int]
+    estimators: Sequence[str] | None = None
+    start: float | None = None
+    stop: float | None = None
+    confidence: float | None = None
+    time: Sequence[float] | None = None
+    state: Sequence[int] | None = None
+    train_start: float | None = None
+    train_stop: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ScoredCandidate:
+    """An estimator and order with their scores."""
+
+    estimator: str
+    order: int
+    scores: Scores
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparison:
+    """All candidates, the one with the least log loss, and how reliable that one is."""
+
+    candidates: list[ScoredCandidate]
+    best: ScoredCandidate
+    reliability: Reliability
+    revision: int
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Trial:
     """What some cells showed (n_cells, n_times) and the fits to be scored on it."""
@@ -42,19 +78,19 @@ class _Trial:
     spectra: dict[Candidate, Spectrum]
 
 
-def evaluate(ctx: Context, name: str, form: EvaluateForm, check: Callable[[], None] = lambda: None) -> Evaluation:
+def evaluate(ctx: Context, name: str, query: EvaluateQuery, check: Callable[[], None] = lambda: None) -> Comparison:
     """Scores per estimator and order; the spectra are fitted on the revision's window or the one asked for.
 
     Chunks that are damaged are left out. `check` is called between blocks; what it raises ends the evaluation.
     Raises LocationNotFoundError, NoModelError, InvalidInputError, CorruptChunkError where there is one chunk only.
     """
-    refuse_reversed(form.start, form.stop)
+    refuse_reversed(query.start, query.stop)
     location, revision = current_revision(ctx, name)
-    train = _training(ctx, location, revision, form)
-    candidates = _candidates(form)
-    tallies = {candidate: ScoreSums(form.confidence) for candidate in candidates}
+    train = _training(ctx, location, revision, query)
+    candidates = _candidates(query)
+    tallies = {candidate: ScoreSums(query.confidence) for candidate in candidates}
     observed = 0
-    for trial in _trials(ctx, location, train, form, candidates, check):
+    for trial in _trials(ctx, location, train, query, candidates, check):
         observed += int((trial.states != UNOBSERVED).sum())
         for candidate, spectrum in trial.spectra.items():
             _score(tallies[candidate], spectrum, trial, check)
@@ -72,19 +108,19 @@ def _score(tally: ScoreSums, spectrum: Spectrum, trial: _Trial, check: Callable[
         tally.add(predict_times(spectrum, trial.time[part]), trial.states[:, part])
 
 
-def _candidates(form: EvaluateForm) -> list[Candidate]:
-    for i, order in enumerate(form.orders):
+def _candidates(query: EvaluateQuery) -> list[Candidate]:
+    for i, order in enumerate(query.orders):
         if not 0 <= order <= 64:
             raise InvalidInputError.at(f"orders[{i}]", "an order is 0 to 64")
-    names = dict.fromkeys(form.estimators or DEFAULT_ESTIMATORS)
-    orders = dict.fromkeys(form.orders)
+    names = dict.fromkeys(query.estimators or DEFAULT_ESTIMATORS)
+    orders = dict.fromkeys(query.orders)
     return [(name, order) for name in names for order in ((0,) if name == "static" else orders)]
 
 
-def _training(ctx: Context, location: LocationRecord, revision: RevisionRecord, form: EvaluateForm) -> RevisionRecord:
+def _training(ctx: Context, location: LocationRecord, revision: RevisionRecord, query: EvaluateQuery) -> RevisionRecord:
     first, last = window(ctx, location)
-    start = revision.start if form.train_start is None else max(first, int(location.base.sample(form.train_start)))
-    stop = revision.stop if form.train_stop is None else min(last, int(location.base.sample(form.train_stop)))
+    start = revision.start if query.train_start is None else max(first, int(location.base.sample(query.train_start)))
+    stop = revision.stop if query.train_stop is None else min(last, int(location.base.sample(query.train_stop)))
     if stop <= start:
         raise InvalidInputError.at("train_stop", "the training window is empty; widen it")
     return replace(revision, start=start, stop=stop)
@@ -94,7 +130,7 @@ def _trials(
     ctx: Context,
     location: LocationRecord,
     train: RevisionRecord,
-    form: EvaluateForm,
+    query: EvaluateQuery,
     candidates: list[Candidate],
     check: Callable[[], None],
 ) -> Iterator[_Trial]:
@@ -103,12 +139,12 @@ def _trials(
     def trial(history: History, time: NDArray[np.float64], states: NDArray[np.uint8]) -> _Trial:
         return _Trial(time, states, _fit_all(history, recipes, location, check))
 
-    if form.time is not None or form.state is not None:
-        time, given = _given(location, form)
+    if query.time is not None or query.state is not None:
+        time, given = _given(location, query)
         _check_size(len(time), candidates)
         yield trial(read_history(ctx, location, 0, train.start, train.stop), time, given)
         return
-    start, stop = _tested(ctx, location, form)
+    start, stop = _tested(ctx, location, query)
     _check_size(stop - start, candidates)
     step = max(1, location.n_cells * (stop - start) * len(candidates) // MAX_VALUES)
     for chunk in range(location.n_chunks):
@@ -151,50 +187,32 @@ def _fit_all(
     return fits
 
 
-def _given(location: LocationRecord, form: EvaluateForm) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+def _given(location: LocationRecord, query: EvaluateQuery) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     if location.kind != "state":
         raise InvalidInputError.at(
             "time", "measurements can be given for kind 'state' only; post them and use start, stop"
         )
-    if form.time is None or form.state is None or len(form.time) != len(form.state):
+    if query.time is None or query.state is None or len(query.time) != len(query.state):
         raise InvalidInputError.at("state", "time and state must both be given and be of one length")
-    time, state = np.asarray(form.time, np.float64), np.asarray(form.state, np.uint8)
+    time, state = np.asarray(query.time, np.float64), np.asarray(query.state, np.uint8)
     inside = np.ones(len(time), bool)
-    if form.start is not None:
-        inside &= time >= form.start
-    if form.stop is not None:
-        inside &= time < form.stop
+    if query.start is not None:
+        inside &= time >= query.start
+    if query.stop is not None:
+        inside &= time < query.stop
     return time[inside], state[inside][np.newaxis, :]
 
 
-def _tested(ctx: Context, location: LocationRecord, form: EvaluateForm) -> tuple[int, int]:
-    start, stop = location.base.clamp(window(ctx, location), form.start, form.stop)
+def _tested(ctx: Context, location: LocationRecord, query: EvaluateQuery) -> tuple[int, int]:
+    start, stop = location.base.clamp(window(ctx, location), query.start, query.stop)
     if stop <= start:
         raise InvalidInputError.at("stop", "nothing was observed between start and stop; widen the range")
     return start, stop
 
 
-def _answer(tallies: dict[Candidate, ScoreSums], revision: int) -> Evaluation:
-    rows = [_row(candidate, tally.scores()) for candidate, tally in tallies.items() if tally.n]
-    if not rows:
+def _answer(tallies: dict[Candidate, ScoreSums], revision: int) -> Comparison:
+    scored = [ScoredCandidate(*candidate, tally.scores()) for candidate, tally in tallies.items() if tally.n]
+    if not scored:
         raise InvalidInputError.at("start", "no cell observed then was observed in the training window")
-    best = min(rows, key=lambda row: row.log_loss)
-    table = tallies[best.estimator, best.order].reliability()
-    filled = zip(table.probability_mean, table.observed_rate, table.count, strict=True)
-    return Evaluation(
-        results=rows,
-        best=Best(estimator=best.estimator, order=best.order),
-        reliability=[ReliabilityRow(probability=float(p), observed=float(s), n=int(n)) for p, s, n in filled if n],
-        revision=revision,
-    )
-
-
-def _row(candidate: Candidate, scores: Scores) -> EvaluationRow:
-    return EvaluationRow(
-        estimator=candidate[0],
-        order=candidate[1],
-        error=scores.error,
-        brier=scores.brier,
-        log_loss=scores.log_loss,
-        n=scores.n,
-    )
+    best = min(scored, key=lambda each: each.scores.log_loss)
+    return Comparison(scored, best, tallies[best.estimator, best.order].reliability(), revision)

@@ -9,10 +9,10 @@ from tidemap.services.context import Context
 
 
 def problems(ctx: Context, alive: Mapping[str, Callable[[], bool]]) -> list[str]:
-    """In words, empty when all is well; `alive` tells of the parts that run in the background."""
+    """In words, empty when all is well; `alive` has the parts that run in the background."""
     found = [f"the {name} is not running" for name, check in alive.items() if not check()]
-    if (trouble := ctx.store.trouble()) is not None:
-        found.append(f"the database cannot be written: {trouble}")
+    if (outage := ctx.store.outage()) is not None:
+        found.append(f"the database cannot be written: {outage}")
     try:
         ctx.store.check_schema()
     except SchemaVersionError as error:

@@ -171,7 +171,7 @@ def _tail(ctx: Context, work: Work, location: LocationRecord, chunk: int) -> Mea
     tail = ctx.tails.held(location.id, _version(location))
     if tail is None:
         tail = _read_on(ctx, work, location) or _read_chunk(work, location, chunk)
-        _tell(ctx, location, tail)
+        _report(ctx, location, tail)
     return Measurements.concatenate([of_chunk(part, chunk) for _, part in tail.parts])
 
 
@@ -216,7 +216,7 @@ def _read_chunk(work: Work, location: LocationRecord, chunk: int) -> Tail:
     return work.observations.tail(location, choose=lambda part: part.select((part.cell >= first) & (part.cell < stop)))
 
 
-def _tell(ctx: Context, location: LocationRecord, tail: Tail) -> None:
+def _report(ctx: Context, location: LocationRecord, tail: Tail) -> None:
     for error in tail.damage.values():
         ctx.damage.found(location.id, error)
 

@@ -14,7 +14,6 @@ from tidemap.errors import (
     refuse_reversed,
 )
 from tidemap.events.messages import EventMessage
-from tidemap.schemas.jobs import Job
 from tidemap.services.context import Context
 from tidemap.services.update import UpdateRequest, run_update
 from tidemap.services.update_task import Executor
@@ -25,29 +24,29 @@ log = logging.getLogger(__name__)
 PROGRESS_STEP = 0.02
 
 
-def request_update(ctx: Context, name: str, request: UpdateRequest) -> Job:
+def request_update(ctx: Context, name: str, request: UpdateRequest) -> JobRecord:
     """Queue an update. Raises LocationNotFoundError, InvalidInputError."""
     refuse_reversed(request.start, request.stop)
     record = ctx.store.write(
         lambda work: work.jobs.create(work.locations.get(name).id, "update", asdict(request), ctx.clock())
     )
-    _tell(ctx, record)
-    return wire(record)
+    _publish(ctx, record)
+    return record
 
 
-def get_job(ctx: Context, job_id: int) -> Job:
+def get_job(ctx: Context, job_id: int) -> JobRecord:
     """Raises JobNotFoundError."""
     with ctx.store.read() as work:
-        return wire(work.jobs.get(job_id))
+        return work.jobs.get(job_id)
 
 
-def list_jobs(ctx: Context, after: int | None, limit: int) -> list[Job]:
+def list_jobs(ctx: Context, after: int | None, limit: int) -> list[JobRecord]:
     """Newest first."""
     with ctx.store.read() as work:
-        return [wire(record) for record in work.jobs.list(after, limit)]
+        return work.jobs.list(after, limit)
 
 
-def cancel_job(ctx: Context, job_id: int) -> Job:
+def cancel_job(ctx: Context, job_id: int) -> JobRecord:
     """Cancel a queued job. Raises JobNotFoundError, JobFinishedError when it is past that."""
     cancelled = ctx.store.write(
         lambda work: work.jobs.transition(job_id, "queued", state="cancelled", finished_at=ctx.clock())
@@ -56,8 +55,8 @@ def cancel_job(ctx: Context, job_id: int) -> Job:
         record = work.jobs.get(job_id)
     if not cancelled:
         raise JobFinishedError(job_id, record.state)
-    _tell(ctx, record)
-    return wire(record)
+    _publish(ctx, record)
+    return record
 
 
 def claim_job(ctx: Context, busy: frozenset[int]) -> JobRecord | None:
@@ -67,7 +66,7 @@ def claim_job(ctx: Context, busy: frozenset[int]) -> JobRecord | None:
             return None
     record = ctx.store.write(lambda work: work.jobs.claim(busy))
     if record is not None:
-        _tell(ctx, record)
+        _publish(ctx, record)
     return record
 
 
@@ -95,7 +94,7 @@ def run_job(ctx: Context, record: JobRecord, executor: Executor) -> bool:
         log.exception("job %d failed", record.id)
         _fail(ctx, record, f"{type(error).__name__}: {error}")
     else:
-        _tell_end(ctx, record)
+        _publish_end(ctx, record)
         ctx.bus.publish(EventMessage("update", record.location, revision.revision, ctx.clock(), _result(revision)))
         return True
     return False
@@ -121,22 +120,17 @@ def _reporter(ctx: Context, record: JobRecord) -> Callable[[float], None]:
 def _fail(ctx: Context, record: JobRecord, error: str) -> None:
     ended = {"state": "failed", "error": error, "finished_at": ctx.clock()}
     ctx.store.write(lambda work: work.jobs.transition(record.id, "running", **ended))
-    _tell_end(ctx, record)
+    _publish_end(ctx, record)
 
 
-def _tell_end(ctx: Context, record: JobRecord) -> None:
+def _publish_end(ctx: Context, record: JobRecord) -> None:
     try:
         with ctx.store.read() as work:
-            _tell(ctx, work.jobs.get(record.id))
+            _publish(ctx, work.jobs.get(record.id))
     except JobNotFoundError:
         log.info("location %r was deleted while job %d ran", record.location, record.id)
 
 
-def _tell(ctx: Context, record: JobRecord) -> None:
-    told = {"job": record.kind, "state": record.state, "progress": record.progress}
-    ctx.bus.publish(EventMessage("job", record.location, record.id, ctx.clock(), told))
-
-
-def wire(record: JobRecord) -> Job:
-    """A job as the API shows it."""
-    return Job(**{name: getattr(record, name) for name in Job.model_fields})
+def _publish(ctx: Context, record: JobRecord) -> None:
+    data = {"job": record.kind, "state": record.state, "progress": record.progress}
+    ctx.bus.publish(EventMessage("job", record.location, record.id, ctx.clock(), data))

@@ -2,11 +2,10 @@
 
 import hashlib
 import secrets
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import asdict, dataclass
+from typing import Literal, get_args
 
 from tidemap.errors import UnauthorizedError
-from tidemap.schemas.keys import Key, NewKey, Role
 from tidemap.services.context import Context
 from tidemap.storage.records import KeyRecord
 from tidemap.storage.work import Work
@@ -14,7 +13,8 @@ from tidemap.storage.work import Work
 PREFIX = "tm_"
 SESSION_S = 12 * 3600.0
 """How long a browser stays signed in."""
-ROLES: tuple[Role, ...] = ("robot", "operator", "admin")
+Role = Literal["robot", "operator", "admin"]
+ROLES: tuple[Role, ...] = get_args(Role)
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +24,13 @@ class Principal:
     name: str
     role: Role
     key_id: int | None
+
+
+@dataclass(frozen=True)
+class IssuedKey(KeyRecord):
+    """A new key with its secret `key`, which is not kept."""
+
+    key: str
 
 
 OPEN = Principal("anybody", "admin", None)
@@ -37,17 +44,17 @@ class Claim:
     digest: bytes | None
 
 
-def create_key(ctx: Context, name: str, role: Role) -> NewKey:
-    """A new key with its secret, which is not kept."""
+def create_key(ctx: Context, name: str, role: Role) -> IssuedKey:
+    """A new key with its secret."""
     secret = PREFIX + secrets.token_urlsafe(32)
     record = ctx.store.write(lambda work: work.keys.create(name, role, secret[:8], digest_of(secret), ctx.clock()))
-    return NewKey(**_wire(record).model_dump(), key=secret)
+    return IssuedKey(**asdict(record), key=secret)
 
 
-def list_keys(ctx: Context, after: int | None = None, limit: int | None = None) -> list[Key]:
+def list_keys(ctx: Context, after: int | None = None, limit: int | None = None) -> list[KeyRecord]:
     """In order of creation; `after` is the last id of the page before."""
     with ctx.store.read() as work:
-        return [_wire(record) for record in work.keys.list(after, limit)]
+        return work.keys.list(after, limit)
 
 
 def delete_key(ctx: Context, key_id: int) -> None:
@@ -114,7 +121,7 @@ def end_session(ctx: Context, token: str) -> None:
     ctx.store.write(lambda work: work.keys.delete_session(digest_of(token)))
 
 
-def allows(role: Role, needed: Literal["robot", "operator", "admin"]) -> bool:
+def allows(role: Role, needed: Role) -> bool:
     """Whether a role may do what `needed` may: admins everything, robots and operators each their own."""
     return role in {needed, "admin"}
 
@@ -127,7 +134,3 @@ def digest_of(secret: str) -> bytes:
 def _principal(record: KeyRecord) -> Principal:
     role: Role = next(role for role in ROLES if role == record.role)
     return Principal(record.name, role, record.id)
-
-
-def _wire(record: KeyRecord) -> Key:
-    return Key(**{name: getattr(record, name) for name in Key.model_fields})

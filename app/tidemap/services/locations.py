@@ -1,17 +1,25 @@
 """Making, changing, listing and deleting locations."""
 
-from dataclasses import asdict
+from dataclasses import dataclass, fields
 from typing import Any
 
 from tidemap.errors import InvalidInputError
-from tidemap.schemas.locations import Grid as GridForm
-from tidemap.schemas.locations import Location, LocationForm, LocationPatch
+from tidemap.schemas.locations import LocationForm, LocationPatch
 from tidemap.services.context import Context
 from tidemap.storage.records import LocationRecord, RevisionRecord
 from tidemap.storage.work import Work
 
 
-def create_location(ctx: Context, form: LocationForm) -> Location:
+@dataclass(frozen=True)
+class LocationSummary(LocationRecord):
+    """A location with what is known of it: when its revision was made, how accurate that is, and open anomalies."""
+
+    updated_at: float | None
+    accuracy: float | None
+    open_anomalies: int
+
+
+def create_location(ctx: Context, form: LocationForm) -> LocationSummary:
     """Raises LocationExistsError, InvalidInputError."""
     n_cells = form.grid.n_cells if form.grid else 1
     if n_cells > ctx.settings.max_cells:
@@ -27,10 +35,10 @@ def create_location(ctx: Context, form: LocationForm) -> Location:
         "created_at": ctx.clock(),
     }
     record = ctx.store.write(lambda work: work.locations.create(values))
-    return _wire(record, None, 0)
+    return _summary(record, None, 0)
 
 
-def change_location(ctx: Context, name: str, form: LocationPatch) -> Location:
+def change_location(ctx: Context, name: str, form: LocationPatch) -> LocationSummary:
     """Change what the form names. Raises LocationNotFoundError, LocationExistsError, InvalidInputError."""
     values: dict[str, Any] = form.model_dump(exclude_unset=True)
     for field in ("name", "time_zone", "estimator", "order", "confidence", "missing", "min_cells"):
@@ -61,31 +69,25 @@ def find_location(ctx: Context, name: str) -> LocationRecord:
         return work.locations.get(name)
 
 
-def get_location(ctx: Context, name: str) -> Location:
-    """As the API shows it. Raises LocationNotFoundError."""
+def get_location(ctx: Context, name: str) -> LocationSummary:
+    """With what is known of it. Raises LocationNotFoundError."""
     with ctx.store.read() as work:
         record = work.locations.get(name)
         revision = work.spectra.get(record.id, record.revision)
-        return _wire(record, revision, work.locations.open_anomalies().get(record.id, 0))
+        return _summary(record, revision, work.locations.open_anomalies().get(record.id, 0))
 
 
-def list_locations(ctx: Context, after: str | None = None, limit: int | None = None) -> list[Location]:
+def list_locations(ctx: Context, after: str | None = None, limit: int | None = None) -> list[LocationSummary]:
     """In order of their names."""
     with ctx.store.read() as work:
         revisions, events = work.spectra.current(), work.locations.open_anomalies()
         records = work.locations.list(after, limit)
-    return [_wire(record, revisions.get(record.id), events.get(record.id, 0)) for record in records]
+    return [_summary(record, revisions.get(record.id), events.get(record.id, 0)) for record in records]
 
 
-def _wire(record: LocationRecord, revision: RevisionRecord | None, open_anomalies: int) -> Location:
-    grid = record.grid
-    return Location(
-        **{name: getattr(record, name) for name in Location.model_fields if hasattr(record, name) and name != "grid"}
-        | {"order": record.order or "auto"},
-        grid=None if grid is None else GridForm(**{**asdict(grid), "shape": list(grid.shape)}),
-        shape=list(record.cells.shape),
-        retention=record.retention_s,
-        observations=record.measurements,
+def _summary(record: LocationRecord, revision: RevisionRecord | None, open_anomalies: int) -> LocationSummary:
+    return LocationSummary(
+        **{each.name: getattr(record, each.name) for each in fields(record)},
         updated_at=revision.updated_at if revision else None,
         accuracy=revision.accuracy if revision else None,
         open_anomalies=open_anomalies,

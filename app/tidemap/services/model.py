@@ -1,23 +1,65 @@
 """The model of one cell, as the paper writes it: spectrum P, outliers O, and what they cost."""
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.history.history import History
 from tidemap.history.intervals import Intervals
-from tidemap.schemas.maps import Component, Compression, Model, Selection
 from tidemap.services.context import Context
 from tidemap.services.history import read_cell, window
 from tidemap.services.predict import check_cell
-from tidemap.services.spectra import Fitted, fitted
+from tidemap.services.spectra import fitted
 from tidemap.spectral.outliers import Outliers, count, find_outliers
-from tidemap.spectral.spectrum import WEEKEND, Spectrum, components, select
-from tidemap.storage.records import LocationRecord
+from tidemap.spectral.spectrum import Spectrum, select
+from tidemap.storage.records import LocationRecord, RevisionRecord
 
 
-def model_of(ctx: Context, name: str, cell: int = 0, order: int | None = None) -> Model:
+@dataclass(frozen=True, slots=True)
+class CellCost:
+    """What the history and the spectrum of a cell cost in bytes; `raw_bytes` is one bit a sample."""
+
+    samples: int
+    raw_bytes: int
+    history_bytes: int
+    spectrum_bytes: int
+    outlier_bytes: int
+
+    @property
+    def lossy_ratio(self) -> float:
+        """How much smaller the spectrum alone is."""
+        return self.raw_bytes / self.spectrum_bytes
+
+    @property
+    def lossless_ratio(self) -> float:
+        """How much smaller what is stored is."""
+        return self.raw_bytes / max(1, self.history_bytes)
+
+    @property
+    def paper_lossless_ratio(self) -> float:
+        """How much smaller the paper's form is, spectrum and outliers."""
+        return self.raw_bytes / (self.spectrum_bytes + self.outlier_bytes)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CellModel:
+    """Spectrum P, of this cell alone, and outliers O of a cell: outliers (n, 2) are Unix seconds [start, stop).
+
+    `accuracy` is None where nothing was observed.
+    """
+
+    cell: int
+    location: LocationRecord
+    revision: RevisionRecord
+    spectrum: Spectrum
+    outliers: NDArray[np.float64]
+    accuracy: float | None
+    cost: CellCost
+
+
+def model_of(ctx: Context, name: str, cell: int = 0, order: int | None = None) -> CellModel:
     """Spectrum and outliers of a cell, at another order where asked (nothing is stored).
 
     Raises LocationNotFoundError, NoModelError, CellNotFoundError, CorruptChunkError.
@@ -30,65 +72,25 @@ def model_of(ctx: Context, name: str, cell: int = 0, order: int | None = None) -
     spectrum = select(fit.spectrum, np.array([cell]))
     outliers = find_outliers(spectrum, history, location.base)
     observed = int(history.count_observed()[0])
-    return Model(
+    return CellModel(
         cell=cell,
-        estimator=fit.revision.estimator,
-        link=spectrum.link,
-        time_zone=spectrum.time_zone,
-        order=fit.revision.order,
-        start=float(location.base.time(fit.revision.start)),
-        stop=float(location.base.time(fit.revision.stop)),
-        samples=fit.revision.stop - fit.revision.start,
-        interval_s=location.interval_s,
-        mean=None if np.isnan(spectrum.mean[0]) else float(spectrum.mean[0]),
-        components=_components(spectrum),
-        outliers=_times(location, outliers),
+        location=location,
+        revision=fit.revision,
+        spectrum=spectrum,
+        outliers=location.base.time(np.stack([outliers.start, outliers.stop], axis=1)),
         accuracy=1 - int(count(outliers)[0]) / observed if observed else None,
-        compression=_compression(history, spectrum, outliers),
-        selection=_selection(fit),
-        revision=fit.revision.revision,
+        cost=_cost(history, spectrum, outliers),
     )
 
 
-def _components(spectrum: Spectrum) -> list[Component]:
-    table = components(spectrum, 0)
-    rows = zip(table.amplitude, table.phase, table.frequency_hz, table.gate, strict=True)
-    return [
-        Component(
-            amplitude=float(amplitude),
-            phase=float(phase),
-            frequency_hz=float(frequency),
-            period_s=float(1 / frequency) if frequency else None,
-            gate="weekend" if gate == WEEKEND else None,
-        )
-        for amplitude, phase, frequency, gate in rows
-    ]
-
-
-def _times(location: LocationRecord, outliers: Outliers) -> list[tuple[float, float]]:
-    start, stop = location.base.time(outliers.start), location.base.time(outliers.stop)
-    return list(zip(start.tolist(), stop.tolist(), strict=True))
-
-
-def _selection(fit: Fitted) -> Selection | None:
-    return None if fit.revision.selection is None else Selection(**fit.revision.selection)
-
-
-def _compression(history: History, spectrum: Spectrum, outliers: Outliers) -> Compression:
-    raw = -(-history.n_samples // 8)
+def _cost(history: History, spectrum: Spectrum, outliers: Outliers) -> CellCost:
     waves = (spectrum.coefficient, spectrum.index, spectrum.frequency_hz)
-    spectrum_bytes = spectrum.mean.nbytes + sum(array.nbytes for array in waves)
-    history_bytes = run_length_bytes(history.intervals())
-    outlier_bytes = varint_bytes(_steps(outliers, history.start))
-    return Compression(
+    return CellCost(
         samples=history.n_samples,
-        raw_bytes=raw,
-        history_bytes=history_bytes,
-        spectrum_bytes=spectrum_bytes,
-        outlier_bytes=outlier_bytes,
-        lossy_ratio=raw / spectrum_bytes,
-        lossless_ratio=raw / max(1, history_bytes),
-        paper_lossless_ratio=raw / (spectrum_bytes + outlier_bytes),
+        raw_bytes=-(-history.n_samples // 8),
+        history_bytes=run_length_bytes(history.intervals()),
+        spectrum_bytes=spectrum.mean.nbytes + sum(array.nbytes for array in waves),
+        outlier_bytes=varint_bytes(_steps(outliers, history.start)),
     )
 
 

@@ -1,4 +1,4 @@
-"""Observe: put posted measurements on the time base, judge them, store them durably, tell the others."""
+"""Observe: put posted measurements on the time base, judge them, store them durably, publish them."""
 
 import asyncio
 from concurrent.futures import Future
@@ -10,12 +10,11 @@ from tidemap.events.messages import EventMessage
 from tidemap.formats import registry
 from tidemap.history.measurements import Measurements
 from tidemap.ingest.observation import Target, checked
-from tidemap.schemas.anomalies import Event
 from tidemap.services.context import Context
 from tidemap.services.judge import judge
 from tidemap.services.keys import confirm
-from tidemap.services.listing import shortened
 from tidemap.services.locations import find_location
+from tidemap.services.messages import anomaly_message
 from tidemap.services.posts import Entry, Observed, Post, store_all
 from tidemap.services.spectra import fitted, held
 from tidemap.storage.blobs import pack_measurements
@@ -52,7 +51,7 @@ def begin(ctx: Context, name: str, post: Post) -> Future[Observed]:
 
     Who sent it and whether its key was used is looked up where it is stored. Raises as `observe`.
     """
-    return ctx.store.submit_item(store_all, judged(ctx, post, *parsed(ctx, name, post)), partial(_tell, ctx))
+    return ctx.store.submit_item(store_all, judged(ctx, post, *parsed(ctx, name, post)), partial(_publish, ctx))
 
 
 def begin_quick(ctx: Context, name: str, post: Post) -> Future[Observed]:
@@ -61,7 +60,7 @@ def begin_quick(ctx: Context, name: str, post: Post) -> Future[Observed]:
     The future has what `observe` returns or raises, or NotQuickError: then nothing was stored, and `begin` is for it.
     For posts that are quick as far as can be seen (`is_quick`).
     """
-    return ctx.store.submit_deferred(store_all, partial(_quick_entry, ctx, name, post), partial(_tell, ctx))
+    return ctx.store.submit_deferred(store_all, partial(_quick_entry, ctx, name, post), partial(_publish, ctx))
 
 
 def is_quick(ctx: Context, name: str, post: Post) -> bool:
@@ -152,17 +151,12 @@ def _record(ctx: Context, post: Post, measurements: Measurements) -> Observation
     )
 
 
-def _tell(ctx: Context, stored: Observed) -> None:
-    """Tell of a post in the order of the commits: who resumes behind the last event it heard of has missed none."""
+def _publish(ctx: Context, stored: Observed) -> None:
+    """Publish a post in the order of the commits: who resumes behind the last event it heard of has missed none."""
     if stored.duplicate:
         return
     now = ctx.clock()
-    told = {"measurements": stored.accepted, "source": stored.source, "last_time": stored.last_time}
-    ctx.bus.publish(EventMessage("observation", stored.location, stored.number, now, told))
+    data = {"measurements": stored.accepted, "source": stored.source, "last_time": stored.last_time}
+    ctx.bus.publish(EventMessage("observation", stored.location, stored.number, now, data))
     for event in stored.anomalies:
         ctx.bus.publish(anomaly_message(event, now))
-
-
-def anomaly_message(event: Event, now: float) -> EventMessage:
-    """The message of a stored event."""
-    return EventMessage("anomaly", event.location, event.id or 0, now, shortened(event).model_dump(mode="json"))

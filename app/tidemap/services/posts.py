@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 from tidemap.errors import DomainError, IdempotencyConflictError, LocationNotFoundError, UnauthorizedError
 from tidemap.formats.registry import Body
-from tidemap.schemas.anomalies import Event
-from tidemap.services.anomalies import wire
+from tidemap.services.anomalies import Anomaly, anomaly_of
 from tidemap.services.keys import Claim, confirm
 from tidemap.storage.records import AnomalyRecord, LocationRecord, ObservationRecord
 from tidemap.storage.work import Work
@@ -34,7 +33,7 @@ class Observed:
     duplicate: bool
     first_time: float | None
     last_time: float | None
-    anomalies: list[Event]
+    anomalies: list[Anomaly]
     revision: int
 
 
@@ -77,7 +76,7 @@ def store_all(work: Work, entries: Sequence[Entry]) -> list[Outcome]:
             outcome |= {entry: LocationNotFoundError(entry.location.name) for entry in fresh}
         else:
             numbers |= {entry: number for number, entry in enumerate(fresh, first)}
-    # After the last location, for what numbers events is locked, too; in the order in which they will be told.
+    # After the last location, for what numbers events is locked, too; in the order in which they will be published.
     outcome |= _with_events(work, {entry: numbers[entry] for entry in entries if entry in numbers})
     return [outcome[entry] for entry in entries]
 
@@ -117,6 +116,6 @@ def _with_events(work: Work, numbers: Mapping[Entry, int]) -> Iterable[tuple[Ent
     events = iter(work.anomalies.append([event for entry in numbers for event in entry.events]))
     for entry, number in numbers.items():
         record, location = entry.record, entry.location
-        stored = [wire(location, next(events)) for _ in entry.events]
+        stored = [anomaly_of(location, next(events)) for _ in entry.events]
         what = (number, record.measurements, False, record.first_time, record.last_time)
         yield entry, Observed(location.name, record.source, *what, stored, location.revision)

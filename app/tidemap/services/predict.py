@@ -132,15 +132,15 @@ def view_of(ctx: Context, asked: Asked) -> StateView:
     )
 
 
-def sheet_of(ctx: Context, asked: Asked) -> BufferLease[StateBuffer] | None:
+def buffer_of(ctx: Context, asked: Asked) -> BufferLease[StateBuffer] | None:
     """The answer as it is sent in Arrow; None where it is not about a whole map."""
     spectrum, confidence = asked.model.spectrum, asked.confidence
     if asked.query.bbox is not None or asked.query.observed:
         return None
     key = (asked.model.location.id, asked.model.revision.recipe, confidence)
-    loan = ctx.buffers.borrow(key, ref(asked.model.loaded), lambda: StateBuffer.of(spectrum, confidence))
-    loan.value.write(spectrum, asked.query.time, ctx.settings.update_threads)
-    return loan
+    lease = ctx.buffers.lease(key, ref(asked.model.loaded), lambda: StateBuffer.of(spectrum, confidence))
+    lease.value.write(spectrum, asked.query.time, ctx.settings.update_threads)
+    return lease
 
 
 def grid_of(ctx: Context, asked: Asked) -> NDArray[np.float32]:

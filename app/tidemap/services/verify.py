@@ -25,9 +25,9 @@ class Finding:
 
 
 def verify(
-    url: str, tell: Callable[[Finding], None], progress: Callable[[int, int], None] = lambda done, total: None
+    url: str, report: Callable[[Finding], None], progress: Callable[[int, int], None] = lambda done, total: None
 ) -> LogTotals:
-    """Look at every row of a database, which a server may be using; `tell` hears of what is wrong.
+    """Look at every row of a database, which a server may be using; `report` hears of what is wrong.
 
     `progress` hears how many locations are done and how many there are.
     Each location is seen as it was at one moment, and its rows are held a few at a time.
@@ -36,7 +36,7 @@ def verify(
     tally = LogTotals()
     with inspect(url) as inspection:
         for finding in _findings(inspection, tally, progress):
-            tell(finding)
+            report(finding)
     return tally
 
 
@@ -66,9 +66,9 @@ def _whole(snapshot: Snapshot) -> Iterator[Finding]:
         yield Finding(None, "database file", said)
     for table, location_id, number in snapshot.orphans():
         yield Finding(None, f"table {table}", f"{number} rows of location {location_id}, which does not exist")
-    for name, value, greatest in snapshot.counters():
-        if greatest > value:
-            yield Finding(None, f"counter {name}", f"it stands at {value}, but {greatest} is in use")
+    for name, value, highest in snapshot.counters():
+        if highest > value:
+            yield Finding(None, f"counter {name}", f"it stands at {value}, but {highest} is in use")
     for key in snapshot.api_keys():
         if len(key.hash) != 32 or key.role not in ("robot", "operator", "admin"):
             yield Finding(None, f"API key {key.id}", "its hash or its role cannot be")

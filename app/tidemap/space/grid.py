@@ -59,11 +59,18 @@ class GridGeometry:
 
     def centre(self, cell: ArrayLike) -> NDArray[np.float64]:
         """(n, 3) centres in metres."""
-        return np.asarray(np.asarray(self.origin) + (self.index(cell) + 0.5) * self.resolution_m, np.float64)
+        return self.centre_at(self.index(cell))
+
+    def centre_at(self, index: NDArray[np.integer]) -> NDArray[np.float64]:
+        """(n, 3) centres in metres of cells with indices (n, 3)."""
+        return np.asarray(np.asarray(self.origin) + (index + 0.5) * self.resolution_m, np.float64)
 
     def bounding_box(self, cell: ArrayLike) -> tuple[float, ...]:
         """[x0, y0, z0, x1, y1, z1] in metres around some cells."""
-        index = self.index(cell)
+        return self.box_at(self.index(cell))
+
+    def box_at(self, index: NDArray[np.integer]) -> tuple[float, ...]:
+        """The same around cells with indices (n, 3)."""
         corners = [*index.min(axis=0).tolist(), *(index.max(axis=0) + 1).tolist()]
         return tuple(at * self.resolution_m + zero for at, zero in zip(corners, self.origin * 2, strict=True))
 

@@ -10,7 +10,7 @@ from tidemap.storage.gate import Gate
 MAX_BYTES = 32 * 2**20
 """What the log file may grow to before its readers are waited for. The last transaction comes on top: 64 MB hold one of
 half that size."""
-PATIENCE_S = 2.0
+MAX_WAIT_S = 2.0
 """How long the readers of this process are waited for while nobody can begin to read or to write: longer than any
 reads that holds no more than it needs."""
 FOREIGN_MS, REST_S = 100, 5.0
@@ -31,7 +31,7 @@ class Checkpoints:
         """After a commit: empty a log file that is too long, letting no reader in until those inside have left."""
         if self._log is None or time.monotonic() < self._next or _size(self._log) <= MAX_BYTES:
             return
-        with self._gate.shut(PATIENCE_S) as empty:
+        with self._gate.shut(MAX_WAIT_S) as empty:
             emptied = empty and self._truncate()
         if not emptied:
             self._next = time.monotonic() + REST_S

@@ -46,13 +46,13 @@ def open_writer(url: str) -> Engine:
 
 def open_watch(url: str) -> Engine:
     """An engine of PostgreSQL for a connection that is used every second, so that both ends notice when it is lost."""
-    patience = {"connect_timeout": WATCH_S, "tcp_user_timeout": GIVEN_UP_S * 1000}
-    engine = create_engine(url, poolclass=NullPool, isolation_level="AUTOCOMMIT", connect_args=patience)
+    timeouts = {"connect_timeout": WATCH_S, "tcp_user_timeout": GIVEN_UP_S * 1000}
+    engine = create_engine(url, poolclass=NullPool, isolation_level="AUTOCOMMIT", connect_args=timeouts)
     return _set(engine, idle_session_timeout=GIVEN_UP_S, lock_timeout=WATCH_S)
 
 
 def _set(engine: Engine, **seconds: int) -> Engine:
-    """Have PostgreSQL lose patience with every connection of an engine after so long."""
+    """Have PostgreSQL end every connection of an engine after so long."""
 
     @event.listens_for(engine, "connect")
     def _prepare(connection: Any, _record: object) -> None:

@@ -45,11 +45,11 @@ class Gate:
         self._closed = True
 
     @contextmanager
-    def shut(self, patience_s: float) -> Iterator[bool]:
+    def shut(self, max_wait_s: float) -> Iterator[bool]:
         """Let nobody in meanwhile; whether all have left, which is waited for as long as that."""
         with self._changed:
             self._shut = True
-            empty = self._changed.wait_for(lambda: not self._inside, patience_s)
+            empty = self._changed.wait_for(lambda: not self._inside, max_wait_s)
         try:
             yield empty
         finally:

@@ -57,7 +57,7 @@ def _writing(url: str) -> Iterator[Connection]:
 
 
 def check_server(dialect: Dialect) -> None:
-    """Raises DatabaseUnusableError on a PostgreSQL that cannot lose patience with an idle session."""
+    """Raises DatabaseUnusableError on a PostgreSQL that cannot end an idle session."""
     version = getattr(dialect, "server_version_info", None)
     if dialect.name == "postgresql" and version is not None and version < POSTGRES:
         given = ".".join(map(str, version))
@@ -148,9 +148,9 @@ class Store:
         """Let the writer rest so long after every group commit, from now on: posts wait for it."""
         self._writer.rest_s = rest_s
 
-    def trouble(self) -> str | None:
+    def outage(self) -> str | None:
         """Why the database cannot be written, as the last write showed; None when it can."""
-        return self._writer.trouble.reason
+        return self._writer.outage.reason
 
     def waiting(self) -> int:
         """How many writes wait for the writer."""

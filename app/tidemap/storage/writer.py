@@ -57,7 +57,7 @@ class Writer:
         self._engine = engine
         self._batch = batch
         self._queue: Queue[_Write[Any, Any] | None] = Queue(queue_length)
-        self.trouble = OutageTracker("written")
+        self.outage = OutageTracker("written")
         self._gate = Lock()
         self._closed = False
         self._checkpoints = Checkpoints(engine, gate)
@@ -147,7 +147,7 @@ class Writer:
 
     def _commit(self, group: list[_Write[Any, Any]]) -> None:
         """Settle every future, whatever happens: nobody waits for ever, and this thread goes on."""
-        if self.trouble.reason is not None or not self._commit_together(group):
+        if self.outage.reason is not None or not self._commit_together(group):
             self._commit_apart(group)
 
     def _commit_together(self, group: list[_Write[Any, Any]]) -> bool:
@@ -174,10 +174,10 @@ class Writer:
         try:
             with self._engine.begin() as connection:
                 settle = [self._run(connection, write, again) for write in group]
-                if self.trouble.reason is not None:
+                if self.outage.reason is not None:
                     # Some writes change nothing; that they succeed does not say that it can be written.
                     take(connection, "trouble")
-            self.trouble.worked()
+            self.outage.worked()
         except BaseException as error:
             self._refuse(group, error)
             return
@@ -221,7 +221,7 @@ class Writer:
         if not isinstance(error, DBAPIError):
             log.error(what, exc_info=error)
         elif is_outage(error):
-            self.trouble.failed(error)
+            self.outage.failed(error)
         else:
             log.error("%s: %s", what, " ".join(str(error.orig).split()))
 

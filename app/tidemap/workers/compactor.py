@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from tidemap.errors import BusyError
 from tidemap.events.messages import EventMessage
+from tidemap.events.subscription import EventFilter, listen
 from tidemap.services.compaction import compact
 from tidemap.services.context import Context
 from tidemap.services.pruning import prune
@@ -16,6 +17,7 @@ from tidemap.workers.retries import Retries
 from tidemap.workers.worker import Worker
 
 log = logging.getLogger(__name__)
+POSTS = EventFilter(kinds=frozenset({"observation"}))
 PRUNE_EVERY_S = 3600.0
 COMPACT_POSTS = 256
 COMPACT_MEASUREMENTS = 2_000_000
@@ -52,7 +54,7 @@ class Compactor:
     def start(self) -> None:
         """Begin, unless the settings leave histories alone."""
         if self._ctx.settings.updater:
-            self._unsubscribe = self._ctx.bus.subscribe(self._listen)
+            self._unsubscribe = listen(self._ctx.bus, POSTS, self._listen)
             self._worker.start()
 
     def request_stop(self) -> None:
@@ -71,11 +73,10 @@ class Compactor:
         return self._worker.alive() or not self._ctx.settings.updater
 
     def _listen(self, message: EventMessage) -> None:
-        if message.kind == "observation":
-            self._come_in += message.data["measurements"]
-            if self._come_in >= COMPACT_MEASUREMENTS:
-                self._worker.wake()
-            self._ctx.store.slow_down(slowed_s(self._waiting + self._come_in))
+        self._come_in += message.data["measurements"]
+        if self._come_in >= COMPACT_MEASUREMENTS:
+            self._worker.wake()
+        self._ctx.store.slow_down(slowed_s(self._waiting + self._come_in))
 
     def _round(self) -> None:
         # Before they are counted: what comes in meanwhile is rather counted twice than not at all.

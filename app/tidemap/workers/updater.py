@@ -5,6 +5,7 @@ import time
 from dataclasses import asdict
 
 from tidemap.events.messages import EventMessage
+from tidemap.events.subscription import EventFilter, listen
 from tidemap.services.context import Context
 from tidemap.services.jobs import claim_job, request_update, requeue_interrupted, run_job
 from tidemap.services.update import UpdateRequest
@@ -15,6 +16,7 @@ from tidemap.workers.executors import Limited, LocalExecutor
 from tidemap.workers.retries import Retries
 from tidemap.workers.worker import Worker
 
+JOBS = EventFilter(kinds=frozenset({"job"}))
 POLL_S = 1.0
 """How often to look for jobs, which other processes queue without a word."""
 
@@ -31,7 +33,7 @@ class Updater:
         self._looked = -math.inf
         self._retries = Retries(ctx.settings.update_rest_s, ctx.clock)
         self._asked: dict[int, float] = {}
-        self._unsubscribe = ctx.bus.subscribe(self._listen)
+        self._unsubscribe = listen(ctx.bus, JOBS, self._listen)
         election.on_begin(self._worker.wake)
 
     def start(self) -> None:
@@ -55,11 +57,11 @@ class Updater:
         return self._worker.alive()
 
     def _listen(self, message: EventMessage) -> None:
-        if message.kind == "job" and message.data.get("state") == "queued":
+        if message.data.get("state") == "queued":
             self._worker.wake()
 
     def _round(self) -> None:
-        if self._ctx.store.trouble() is not None:
+        if self._ctx.store.outage() is not None:
             # Nobody may post to a server that is not ready: it has to find out by itself when it can write again.
             self._ctx.store.write(lambda work: None)
         if (term := self._election.term) is None:
@@ -77,9 +79,9 @@ class Updater:
     def _run_jobs(self, ctx: Context, executor: Executor) -> None:
         self._worker.check()
         while (job := claim_job(ctx, frozenset())) is not None:
-            told = self._retries.worked if run_job(ctx, job, executor) else self._retries.failed
+            report = self._retries.worked if run_job(ctx, job, executor) else self._retries.failed
             if job.request == asdict(UpdateRequest()):
-                told(job.location_id)
+                report(job.location_id)
             self._worker.check()
 
     def _look_around(self, ctx: Context) -> None:

@@ -7,22 +7,22 @@ from tests.support.askers import Asker
 from tests.support.contexts import make_location
 from tests.support.waiting import WAIT_S
 from tidemap.api.waiting import wait_for_job
-from tidemap.schemas.jobs import Job
 from tidemap.services.context import Context
 from tidemap.services.jobs import request_update
 from tidemap.services.update import UpdateRequest
+from tidemap.storage.records import JobRecord
 
 DAY_S = 86_400.0
 
 
-def ended_by(ctx: Context, end: Callable[[Asker], object]) -> Job:
+def ended_by(ctx: Context, end: Callable[[Asker], object]) -> JobRecord:
     """Wait a day for a job that nobody does; what is answered when `end` was called."""
 
-    async def scenario() -> Job:
+    async def scenario() -> JobRecord:
         asker, asked = Asker(ctx=ctx), asyncio.Event()
         loop = asyncio.get_running_loop()
 
-        def find() -> Job:
+        def find() -> JobRecord:
             loop.call_soon_threadsafe(asked.set)
             return request_update(ctx, "lab", UpdateRequest())
 

@@ -38,12 +38,12 @@ def kept(values: BufferPool[Page]) -> list[object]:
     return sorted(values._shelves, key=str)
 
 
-def test_what_came_back_is_lent_again() -> None:
+def test_what_came_back_is_leased_again() -> None:
     values = lender()
-    loan = values.borrow("a", 1, make)
-    value = loan.value
-    del loan
-    again = values.borrow("a", 1, never)
+    lease = values.lease("a", 1, make)
+    value = lease.value
+    del lease
+    again = values.lease("a", 1, never)
     assert again.value is value
     assert not again.memory.flags.writeable
 
@@ -58,28 +58,28 @@ def test_whatever_is_made_of_the_memory_holds_on_to_it() -> None:
         lambda memory: memoryview(memory.data)[20:],
     ):
         values = lender()
-        loan = values.borrow("a", 1, make)
-        value, held = loan.value, hold(loan.memory)
-        del loan
-        other = values.borrow("a", 1, make)
+        lease = values.lease("a", 1, make)
+        value, held = lease.value, hold(lease.memory)
+        del lease
+        other = values.lease("a", 1, make)
         assert other.value is not value
         del held
-        assert values.borrow("a", 1, never).value is value
+        assert values.lease("a", 1, never).value is value
 
 
 def test_what_is_forgotten_in_a_circle_comes_back_when_it_is_collected() -> None:
     values = lender()
-    circle: list[object] = [values.borrow("a", 1, make)]
+    circle: list[object] = [values.lease("a", 1, make)]
     circle.append(circle)
     del circle
     gc.collect()
-    values.borrow("a", 1, never)
+    values.lease("a", 1, never)
 
 
 def test_another_version_is_made_anew_and_takes_the_location_of_the_one_before() -> None:
     values = lender()
     for version in range(9):
-        values.borrow("a", version, make)
+        values.lease("a", version, make)
     assert kept(values) == ["a"]
     assert len(values._shelves["a"].items) == 1
 
@@ -87,56 +87,56 @@ def test_another_version_is_made_anew_and_takes_the_location_of_the_one_before()
 def test_the_least_recently_asked_for_go_first() -> None:
     values = lender()
     for key in "abc":
-        values.borrow(key, 0, make)
-    values.borrow("a", 0, never)
-    values.borrow("d", 0, make)
+        values.lease(key, 0, make)
+    values.lease("a", 0, never)
+    values.lease("d", 0, make)
     assert kept(values) == ["a", "c", "d"]
 
 
 def test_what_is_dropped_stays_whole_for_who_has_it() -> None:
     values = lender()
-    loan = values.borrow("a", 0, make)
-    loan.value.memory[:] = 7
+    lease = values.lease("a", 0, make)
+    lease.value.memory[:] = 7
     for key in "bcde":
-        values.borrow(key, 0, make)
+        values.lease(key, 0, make)
     assert kept(values) == ["c", "d", "e"]
-    assert loan.memory.tolist() == [7] * 30
+    assert lease.memory.tolist() == [7] * 30
 
 
 def test_more_than_the_limit_is_never_kept() -> None:
     values = lender()
-    values.borrow("a", 0, make)
-    assert values.borrow("b", 0, lambda: make(101)).memory.size == 101
+    values.lease("a", 0, make)
+    assert values.lease("b", 0, lambda: make(101)).memory.size == 101
     assert kept(values) == ["a"]
     nothing = lender(0)
-    nothing.borrow("a", 0, make)
+    nothing.lease("a", 0, make)
     assert kept(nothing) == []
 
 
 def test_of_what_many_have_at_once_as_much_is_kept_as_there_is_room_for() -> None:
     values = lender()
-    values.borrow("b", 0, make)
-    loans = [values.borrow("a", 0, make) for _ in range(8)]
+    values.lease("b", 0, make)
+    leases = [values.lease("a", 0, make) for _ in range(8)]
     assert kept(values) == ["a"]
     mine = {id(item.value) for item in values._shelves["a"].items}
-    assert mine == {id(loan.value) for loan in loans[:3]}
-    del loans
-    again = [values.borrow("a", 0, never) for _ in range(3)]
-    assert {id(loan.value) for loan in again} == mine
+    assert mine == {id(lease.value) for lease in leases[:3]}
+    del leases
+    again = [values.lease("a", 0, never) for _ in range(3)]
+    assert {id(lease.value) for lease in again} == mine
 
 
 def test_no_two_have_the_same_at_the_same_time() -> None:
     values, together = lender(10**6), Barrier(8, timeout=60)
 
-    def borrow(number: int) -> None:
+    def lease_one(number: int) -> None:
         for _ in range(50):
-            loan = values.borrow("a", 0, make)
-            loan.value.memory[:] = number
+            lease = values.lease("a", 0, make)
+            lease.value.memory[:] = number
             together.wait()
-            assert (loan.memory == number).all()
-            del loan
+            assert (lease.memory == number).all()
+            del lease
             together.wait()
 
     with ThreadPoolExecutor(8) as pool:
-        list(pool.map(borrow, range(8)))
+        list(pool.map(lease_one, range(8)))
     assert len(values._shelves["a"].items) == 8

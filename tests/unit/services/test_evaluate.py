@@ -8,16 +8,15 @@ import pytest
 
 from tests.support.contexts import make_location, post_rows, post_states, refit
 from tidemap.errors import InvalidInputError, NoModelError
-from tidemap.schemas.maps import EvaluateForm, Evaluation
 from tidemap.services.context import Context
-from tidemap.services.evaluate import evaluate
+from tidemap.services.evaluate import Comparison, EvaluateQuery, evaluate
 from tidemap.services.predict import PredictQuery, predict_at
 
 MINUTE = 60.0
 
 
-def ask(ctx: Context, name: str = "door", **form: Any) -> Evaluation:
-    return evaluate(ctx, name, EvaluateForm(**{"orders": [0], "estimators": ["static"], **form}))
+def ask(ctx: Context, name: str = "door", **form: Any) -> Comparison:
+    return evaluate(ctx, name, EvaluateQuery(**{"orders": [0], "estimators": ["static"], **form}))
 
 
 def make_door(ctx: Context) -> None:
@@ -30,41 +29,42 @@ def make_door(ctx: Context) -> None:
 
 def test_the_mean_is_scored_as_by_hand(ctx: Context) -> None:
     make_door(ctx)
-    (row,) = ask(ctx, start=MINUTE * 100, stop=MINUTE * 105).results
-    assert (row.estimator, row.order, row.n) == ("static", 0, 4)
-    assert row.error == 0.25
-    assert row.brier == pytest.approx((3 * 0.25**2 + 0.75**2) / 4)
-    assert row.log_loss == pytest.approx(-(3 * math.log(0.75) + math.log(0.25)) / 4)
+    (row,) = ask(ctx, start=MINUTE * 100, stop=MINUTE * 105).candidates
+    assert (row.estimator, row.order, row.scores.n) == ("static", 0, 4)
+    assert row.scores.error == 0.25
+    assert row.scores.brier == pytest.approx((3 * 0.25**2 + 0.75**2) / 4)
+    assert row.scores.log_loss == pytest.approx(-(3 * math.log(0.75) + math.log(0.25)) / 4)
 
 
 def test_the_reliability_of_the_best_is_what_happened(ctx: Context) -> None:
     make_door(ctx)
     answer = ask(ctx, start=MINUTE * 100, stop=MINUTE * 105)
-    (row,) = answer.reliability
-    assert (row.probability, row.observed, row.n) == (0.75, 0.75, 4)
+    table, filled = answer.reliability, answer.reliability.count > 0
+    assert table.count[filled].tolist() == [4]
+    assert table.probability_mean[filled].tolist() == table.observed_rate[filled].tolist() == [0.75]
     assert (answer.best.estimator, answer.best.order, answer.revision) == ("static", 0, 1)
 
 
 def test_a_confidence_is_the_threshold_of_the_error(ctx: Context) -> None:
     make_door(ctx)
-    (row,) = ask(ctx, start=MINUTE * 100, stop=MINUTE * 105, confidence=0.8).results
-    assert row.error == 0.75
+    (row,) = ask(ctx, start=MINUTE * 100, stop=MINUTE * 105, confidence=0.8).candidates
+    assert row.scores.error == 0.75
 
 
 def test_measurements_given_are_scored_instead_of_the_history(ctx: Context) -> None:
     make_door(ctx)
-    (row,) = ask(ctx, time=[1e6, 1e6 + 0.5, 1e7], state=[0, 0, 1]).results
-    assert row.n == 3
-    assert row.error == pytest.approx(2 / 3)
-    (row,) = ask(ctx, time=[1e6, 1e6 + 0.5, 1e7], state=[0, 0, 1], start=1e6 + 0.5, stop=1e7).results
-    assert (row.n, row.error) == (1, 1.0)
+    (row,) = ask(ctx, time=[1e6, 1e6 + 0.5, 1e7], state=[0, 0, 1]).candidates
+    assert row.scores.n == 3
+    assert row.scores.error == pytest.approx(2 / 3)
+    (row,) = ask(ctx, time=[1e6, 1e6 + 0.5, 1e7], state=[0, 0, 1], start=1e6 + 0.5, stop=1e7).candidates
+    assert (row.scores.n, row.scores.error) == (1, 1.0)
 
 
 def test_the_spectra_are_fitted_on_the_training_window_alone(ctx: Context) -> None:
     make_door(ctx)
-    (row,) = ask(ctx, start=MINUTE * 100, stop=MINUTE * 105, train_start=0.0, train_stop=MINUTE).results
-    assert (row.error, row.n) == (0.75, 4)
-    assert row.brier == 0.75
+    (row,) = ask(ctx, start=MINUTE * 100, stop=MINUTE * 105, train_start=0.0, train_stop=MINUTE).candidates
+    assert (row.scores.error, row.scores.n) == (0.75, 4)
+    assert row.scores.brier == 0.75
 
 
 def test_every_order_is_scored_by_its_own_prediction(ctx: Context) -> None:
@@ -75,19 +75,19 @@ def test_every_order_is_scored_by_its_own_prediction(ctx: Context) -> None:
     refit(ctx, "door", estimator="fft", order=2, stop=MINUTE * 160)
     orders = [0, 1, 2, 5]
     answer = ask(ctx, orders=[*orders, 2], estimators=["fft", "static", "fft"], start=MINUTE * 160, stop=MINUTE * 240)
-    assert [(row.estimator, row.order) for row in answer.results] == [*(("fft", n) for n in orders), ("static", 0)]
-    for row in answer.results[:-1]:
+    assert [(row.estimator, row.order) for row in answer.candidates] == [*(("fft", n) for n in orders), ("static", 0)]
+    for row in answer.candidates[:-1]:
         p = predict_at(ctx, "door", PredictQuery(time[160:].tolist(), order=row.order)).probability[0].astype(float)
         s = state[160:].astype(float)
         q = np.clip(p, 1e-3, 1 - 1e-3)
-        assert row.n == 80
-        assert row.error == pytest.approx(np.mean((p > 0.5) != s), abs=1e-6)
-        assert row.brier == pytest.approx(np.mean((p - s) ** 2), abs=1e-6)
-        assert row.log_loss == pytest.approx(-np.mean(s * np.log(q) + (1 - s) * np.log(1 - q)), abs=1e-6)
-    best = min(answer.results, key=lambda row: row.log_loss)
+        assert row.scores.n == 80
+        assert row.scores.error == pytest.approx(np.mean((p > 0.5) != s), abs=1e-6)
+        assert row.scores.brier == pytest.approx(np.mean((p - s) ** 2), abs=1e-6)
+        assert row.scores.log_loss == pytest.approx(-np.mean(s * np.log(q) + (1 - s) * np.log(1 - q)), abs=1e-6)
+    best = min(answer.candidates, key=lambda row: row.scores.log_loss)
     assert (answer.best.estimator, answer.best.order) == (best.estimator, best.order)
-    zero, mean = answer.results[0], answer.results[-1]
-    assert (zero.error, zero.brier, zero.log_loss) == (mean.error, mean.brier, mean.log_loss)
+    zero, mean = answer.candidates[0], answer.candidates[-1]
+    assert zero.scores == mean.scores
 
 
 def test_a_grid_is_scored_over_all_its_cells(ctx: Context) -> None:
@@ -98,10 +98,10 @@ def test_a_grid_is_scored_over_all_its_cells(ctx: Context) -> None:
     )
     post_rows(ctx, "lab", [(0.0, 900, 1)])
     refit(ctx, "lab", estimator="static")
-    (row,) = ask(ctx, "lab", start=0.0, stop=MINUTE * 4).results
-    assert row.n == 9
-    assert row.error == pytest.approx(1 / 9)
-    assert row.brier == pytest.approx((3 * 0.25**2 + 0.75**2) / 9)
+    (row,) = ask(ctx, "lab", start=0.0, stop=MINUTE * 4).candidates
+    assert row.scores.n == 9
+    assert row.scores.error == pytest.approx(1 / 9)
+    assert row.scores.brier == pytest.approx((3 * 0.25**2 + 0.75**2) / 9)
 
 
 def test_a_large_evaluation_scores_cells_spread_evenly(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -109,12 +109,12 @@ def test_a_large_evaluation_scores_cells_spread_evenly(ctx: Context, monkeypatch
     make_location(ctx, "lab", (40, 40))
     post_rows(ctx, "lab", [(MINUTE * n, cell, cell % 2) for n in range(4) for cell in range(1600)])
     refit(ctx, "lab", estimator="static")
-    (row,) = ask(ctx, "lab").results
-    assert row.error == 0.0
-    assert 1200 <= row.n <= 2400
+    (row,) = ask(ctx, "lab").candidates
+    assert row.scores.error == 0.0
+    assert 1200 <= row.scores.n <= 2400
     monkeypatch.setattr("tidemap.services.evaluate.MAX_VALUES", 1)
-    (row,) = ask(ctx, "lab").results
-    assert row.n >= 4
+    (row,) = ask(ctx, "lab").candidates
+    assert row.scores.n >= 4
 
 
 @pytest.mark.parametrize(

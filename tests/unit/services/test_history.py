@@ -72,8 +72,8 @@ def test_a_moment_ago_is_a_part_of_what_is_held_of_now(ctx: Context, read: list[
     assert read == []
 
 
-def test_a_log_too_long_to_be_held_is_read_for_the_chunk_alone(sqlite_url: str, read: list[str]) -> None:
-    with opened(sqlite_url, history_cache_bytes=2 * 5 * 5) as ctx:
+def test_a_log_too_long_to_be_held_is_read_for_the_chunk_alone(database_url: str, read: list[str]) -> None:
+    with opened(database_url, history_cache_bytes=2 * 5 * 5) as ctx:
         make_location(ctx, "lab", (80, 40))
         for minute in range(2):
             post_rows(ctx, "lab", [(60.0 * minute, cell, 1) for cell in (7, 1100, 3000)])

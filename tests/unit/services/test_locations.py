@@ -1,5 +1,6 @@
 """Locations: what a change changes, and what it leaves."""
 
+from dataclasses import asdict
 from typing import Any
 
 import pytest
@@ -12,41 +13,47 @@ from tidemap.services.locations import change_location, delete_location, get_loc
 
 
 def change(ctx: Context, which: str, /, **fields: Any) -> dict[str, Any]:
-    return change_location(ctx, which, LocationPatch(**fields)).model_dump()
+    return asdict(change_location(ctx, which, LocationPatch(**fields)))
 
 
 def test_a_new_location_shows_what_was_asked_for(ctx: Context) -> None:
     made = make_location(ctx, "lab", (4, 3, 2), epoch=-7.5, order=5, retention=1e6, time_zone="Europe/London")
     assert made == get_location(ctx, "lab") == list_locations(ctx)[0]
-    assert (made.kind, made.shape, made.epoch, made.order, made.retention) == ("grid3d", [4, 3, 2], -7.5, 5, 1e6)
-    assert (made.created_at, made.observations, made.revision, made.accuracy) == (NOW, 0, 0, None)
+    assert (made.kind, made.cells.shape, made.epoch, made.order, made.retention_s) == (
+        "grid3d",
+        (4, 3, 2),
+        -7.5,
+        5,
+        1e6,
+    )
+    assert (made.created_at, made.measurements, made.revision, made.accuracy) == (NOW, 0, 0, None)
 
 
 def test_a_change_leaves_what_it_does_not_name(ctx: Context) -> None:
-    before = make_location(ctx, "door", order=5, retention=100.0).model_dump()
+    before = asdict(make_location(ctx, "door", order=5, retention=100.0))
     assert change(ctx, "door") == before
     assert change(ctx, "door", confidence=0.7) == before | {"confidence": 0.7}
     assert change(ctx, "door", order="auto", retention=None) == before | {
         "confidence": 0.7,
-        "order": "auto",
-        "retention": None,
+        "order": None,
+        "retention_s": None,
     }
 
 
 @pytest.mark.parametrize("field", ["name", "time_zone", "estimator", "order", "confidence", "missing", "min_cells"])
 def test_null_is_refused_where_there_must_be_a_value(ctx: Context, field: str) -> None:
-    before = make_location(ctx, "door").model_dump()
+    before = asdict(make_location(ctx, "door"))
     with pytest.raises(InvalidInputError) as caught:
         change(ctx, "door", **{field: None, "retention": 5.0})
     assert caught.value.errors[0].field == field
-    assert get_location(ctx, "door").model_dump() == before
+    assert asdict(get_location(ctx, "door")) == before
 
 
 def test_hold_needs_its_seconds(ctx: Context) -> None:
-    before = make_location(ctx, "door").model_dump()
+    before = asdict(make_location(ctx, "door"))
     with pytest.raises(InvalidInputError, match="hold_s"):
         change(ctx, "door", missing="hold", name="gate")
-    assert get_location(ctx, "door").model_dump() == before
+    assert asdict(get_location(ctx, "door")) == before
     change(ctx, "door", missing="hold", hold_s=60.0)
     with pytest.raises(InvalidInputError, match="hold_s"):
         change(ctx, "door", hold_s=None)
@@ -60,7 +67,7 @@ def test_a_renamed_location_keeps_everything(ctx: Context) -> None:
     refit(ctx, "door")
     with pytest.raises(LocationExistsError):
         change(ctx, "door", name="gate")
-    before = get_location(ctx, "door").model_dump()
+    before = asdict(get_location(ctx, "door"))
     assert change(ctx, "door", name="front-door") == before | {"name": "front-door"}
     with pytest.raises(LocationNotFoundError):
         get_location(ctx, "door")
@@ -69,8 +76,8 @@ def test_a_renamed_location_keeps_everything(ctx: Context) -> None:
     assert get_location(ctx, "door").revision == 0
 
 
-def test_a_location_larger_than_the_server_allows_is_refused(sqlite_url: str) -> None:
-    with opened(sqlite_url, max_cells=12) as ctx:
+def test_a_location_larger_than_the_server_allows_is_refused(database_url: str) -> None:
+    with opened(database_url, max_cells=12) as ctx:
         make_location(ctx, "fits", (4, 3))
         with pytest.raises(InvalidInputError, match="13 cells are more than this server's 12"):
             make_location(ctx, "lab", (13, 1))

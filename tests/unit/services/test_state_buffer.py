@@ -14,7 +14,7 @@ from tidemap.formats.table import Labels
 from tidemap.schemas.locations import LocationPatch
 from tidemap.services.context import Context
 from tidemap.services.locations import change_location
-from tidemap.services.predict import StateQuery, StateView, ask, sheet_of, state_at
+from tidemap.services.predict import StateQuery, StateView, ask, buffer_of, state_at
 from tidemap.services.state_buffer import StateBuffer
 from tidemap.services.warm import warm
 from tidemap.spectral import kernels
@@ -34,9 +34,9 @@ def rhythmic_lab(ctx: Context) -> None:
 
 def as_sent(ctx: Context, query: StateQuery) -> bytes:
     """The answer of a sheet, whole."""
-    loan = sheet_of(ctx, ask(ctx, "lab", query))
-    assert loan is not None
-    return loan.value.arrow.head(FACTS) + loan.memory.tobytes()
+    lease = buffer_of(ctx, ask(ctx, "lab", query))
+    assert lease is not None
+    return lease.value.arrow.head(FACTS) + lease.memory.tobytes()
 
 
 def made_anew(view: StateView) -> bytes:
@@ -72,12 +72,12 @@ def test_a_new_revision_or_confidence_is_a_new_sheet(ctx: Context) -> None:
 def test_only_what_has_waves_is_written_again(ctx: Context) -> None:
     rhythmic_lab(ctx)
     asked = ask(ctx, "lab", StateQuery(60.0 * 1003))
-    first = sheet_of(ctx, asked)
+    first = buffer_of(ctx, asked)
     assert first is not None
     sheet = first.value
     del first
     sheet.arrow.columns["probability"][:] = 9
-    second = sheet_of(ctx, asked)
+    second = buffer_of(ctx, asked)
     assert second is not None
     assert second.value is sheet
     assert (sheet.arrow.columns["probability"] == 9).tolist() == [False, False, False, True]
@@ -98,7 +98,7 @@ def test_once_warm_no_question_compiles_anything(ctx: Context) -> None:
 def test_boxes_and_what_was_seen_are_no_matter_for_sheets(ctx: Context) -> None:
     rhythmic_lab(ctx)
     for query in (StateQuery(0.0, bbox=(0.0,) * 6), StateQuery(0.0, observed=True)):
-        assert sheet_of(ctx, ask(ctx, "lab", query)) is None
+        assert buffer_of(ctx, ask(ctx, "lab", query)) is None
 
 
 def test_a_map_of_which_nothing_was_seen() -> None:
@@ -140,8 +140,8 @@ def some_spectrum() -> Spectrum:
 
 
 @pytest.mark.parametrize("kept_bytes", [64 * 2**20, 0])
-def test_concurrent_questions_never_share_a_sheet(sqlite_url: str, kept_bytes: int) -> None:
-    with opened(sqlite_url, answer_cache_bytes=kept_bytes) as ctx:
+def test_concurrent_questions_never_share_a_sheet(database_url: str, kept_bytes: int) -> None:
+    with opened(database_url, answer_cache_bytes=kept_bytes) as ctx:
         rhythmic_lab(ctx)
         expected = {n: made_anew(state_at(ctx, "lab", StateQuery(60.0 * n))) for n in range(1000, 1020)}
         assert len(set(expected.values())) > 5
@@ -149,10 +149,10 @@ def test_concurrent_questions_never_share_a_sheet(sqlite_url: str, kept_bytes: i
         def check(number: int) -> None:
             n = 1000 + number % 20
             asked = ask(ctx, "lab", StateQuery(60.0 * n))
-            loans = [sheet_of(ctx, asked), sheet_of(ctx, replace(asked, query=StateQuery(60.0 * 1000)))]
-            for loan, time in zip(loans, (n, 1000), strict=True):
-                assert loan is not None
-                assert loan.value.arrow.head(FACTS) + loan.memory.tobytes() == expected[time]
+            leases = [buffer_of(ctx, asked), buffer_of(ctx, replace(asked, query=StateQuery(60.0 * 1000)))]
+            for lease, time in zip(leases, (n, 1000), strict=True):
+                assert lease is not None
+                assert lease.value.arrow.head(FACTS) + lease.memory.tobytes() == expected[time]
 
         with ThreadPoolExecutor(8) as pool:
             list(pool.map(check, range(400)))

@@ -27,8 +27,8 @@ def rows_of(n: int) -> list[tuple[float, int, int]]:
 
 
 @pytest.mark.parametrize("cache_bytes", [256 * 2**20, 0])
-def test_answers_are_right_while_everything_happens_at_once(sqlite_url: str, cache_bytes: int) -> None:
-    with opened(sqlite_url, history_cache_bytes=cache_bytes, spectrum_cache_bytes=cache_bytes) as ctx:
+def test_answers_are_right_while_everything_happens_at_once(database_url: str, cache_bytes: int) -> None:
+    with opened(database_url, history_cache_bytes=cache_bytes, spectrum_cache_bytes=cache_bytes) as ctx:
         make_location(ctx, "lab", (40, 40))
         for n in range(20):
             post_rows(ctx, "lab", rows_of(n))
@@ -40,7 +40,7 @@ def test_answers_are_right_while_everything_happens_at_once(sqlite_url: str, cac
             list(pool.map(lambda job: job[0](ctx, job[1]), jobs))
         for chunk in range(2):
             assert_history(ctx, chunk, 50, complete=True)
-        assert get_location(ctx, "lab").observations == 50 * len(CELLS)
+        assert get_location(ctx, "lab").measurements == 50 * len(CELLS)
         assert ctx.store._reader.pool.checkedout() == 0  # type: ignore[attr-defined]
 
 

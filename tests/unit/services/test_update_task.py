@@ -57,21 +57,21 @@ def stored(url: str) -> list[tuple[Any, ...]]:
 
 
 def test_a_pickled_task_gives_the_same_stored_bytes_in_a_fresh_process(
-    sqlite_url: str, clock: Clock, tmp_path: Path
+    database_url: str, clock: Clock, tmp_path: Path
 ) -> None:
-    with opened(sqlite_url, clock) as ctx:
+    with opened(database_url, clock) as ctx:
         executor = updated(ctx)
-        before = stored(sqlite_url)
+        before = stored(database_url)
         assert len(before) == len(executor.tasks) > 1
         ctx.store.write(lambda work: work.spectra._connection.execute(spectrum.delete()))
-    assert stored(sqlite_url) == []
+    assert stored(database_url) == []
     for task, result in zip(executor.tasks, executor.results, strict=True):
         given, told = tmp_path / "task", tmp_path / "result"
         given.write_bytes(pickle.dumps(task))
         assert given.stat().st_size < 2000
-        subprocess.run([sys.executable, "-c", ELSEWHERE, sqlite_url, str(given), str(told)], check=True)
+        subprocess.run([sys.executable, "-c", ELSEWHERE, database_url, str(given), str(told)], check=True)
         assert pickle.loads(told.read_bytes()) == result
-    assert stored(sqlite_url) == before
+    assert stored(database_url) == before
 
 
 def test_a_task_of_a_term_that_is_over_stores_nothing(ctx: Context) -> None:

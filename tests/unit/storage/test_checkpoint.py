@@ -22,17 +22,17 @@ WRITTEN = 20_000
 
 
 @pytest.fixture
-def store(sqlite_url: str) -> Iterator[Store]:
+def store(database_url: str) -> Iterator[Store]:
     """One that commits at most four writes together."""
-    with closing(Store(sqlite_url, commit_batch=4)) as made:
+    with closing(Store(database_url, commit_batch=4)) as made:
         yield made
 
 
 @pytest.fixture
-def log(sqlite_url: str, monkeypatch: pytest.MonkeyPatch) -> Path:
+def log(database_url: str, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The log file, bounded to what a test can fill quickly."""
     monkeypatch.setattr("tidemap.storage.checkpoint.MAX_BYTES", MOST)
-    return Path(sqlite_url.removeprefix("sqlite:///") + "-wal")
+    return Path(database_url.removeprefix("sqlite:///") + "-wal")
 
 
 def write(work: Work) -> None:
@@ -75,7 +75,7 @@ def test_it_is_bounded_under_readers_that_never_pause(store: Store, log: Path) -
 def test_a_reader_that_stays_is_waited_for_a_little_and_then_later_again(
     store: Store, log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tidemap.storage.checkpoint.PATIENCE_S", 0.05)
+    monkeypatch.setattr("tidemap.storage.checkpoint.MAX_WAIT_S", 0.05)
     monkeypatch.setattr("tidemap.storage.checkpoint.REST_S", 0.05)
     leave, inside = Event(), Event()
 

@@ -20,25 +20,25 @@ def pragma(engine: Engine, name: str) -> object:
 
 
 @pytest.mark.parametrize("open_", [open_reader, open_writer])
-def test_every_connection_is_set_up(sqlite_url: str, open_: Callable[[str], Engine]) -> None:
-    engine = open_(sqlite_url)
+def test_every_connection_is_set_up(database_url: str, open_: Callable[[str], Engine]) -> None:
+    engine = open_(database_url)
     full, on = 2, 1
     for name, value in (("journal_mode", "wal"), ("synchronous", full), ("foreign_keys", on), ("busy_timeout", 10_000)):
         assert pragma(engine, name) == value
     engine.dispose()
 
 
-def test_a_row_without_its_location_is_refused(sqlite_url: str) -> None:
-    engine = open_writer(sqlite_url)
+def test_a_row_without_its_location_is_refused(database_url: str) -> None:
+    engine = open_writer(database_url)
     row = {"location_id": 9, "id": 1, "received_at": 0.0, "measurements": 1, "first_time": 0.0, "last_time": 0.0}
     with pytest.raises(IntegrityError, match="FOREIGN KEY"), engine.begin() as connection:
         connection.execute(insert(observation).values(**row))
     engine.dispose()
 
 
-def test_writers_of_several_processes_wait_for_each_other(sqlite_url: str) -> None:
+def test_writers_of_several_processes_wait_for_each_other(database_url: str) -> None:
     """With a plain BEGIN most of these would fail: 'database is locked'."""
-    engines = [open_writer(sqlite_url) for _ in range(4)]
+    engines = [open_writer(database_url) for _ in range(4)]
 
     def write(n: int) -> None:
         with engines[n % 4].begin() as connection:

@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.errors import LocationNotFoundError, NoModelError
-from tidemap.schemas.anomalies import Event
-from tidemap.schemas.locations import Grid, Location
+from tidemap.services.anomalies import Anomaly
+from tidemap.services.locations import LocationSummary
+from tidemap.space.grid import GridGeometry
 from tidemap_web.viewer.source import Question
 
 NOW = 1_800_000_000.0
@@ -29,25 +30,27 @@ class FakeState:
     observed_time: NDArray[np.float64] | None = field(default_factory=lambda: np.full(3, NOW))
 
 
-def location(name: str, last_time: float | None = NOW, kind: str = "grid3d") -> Location:
+def location(name: str, last_time: float | None = NOW, kind: str = "grid3d") -> LocationSummary:
     """A grid as the services describe it."""
-    return Location(
+    return LocationSummary(
+        id=1,
         name=name,
         kind=kind,
         interval_s=60,
         time_zone="Europe/London",
         epoch=0.0,
-        grid=Grid(origin=(1.0, 2.0, 3.0), resolution_m=0.5, shape=[2, 3, 4]),
-        shape=[2, 3, 4],
+        grid=GridGeometry("map", (1.0, 2.0, 3.0), 0.5, (2, 3, 4)),
         estimator="auto",
-        order="auto",
+        order=None,
         confidence=0.9,
         missing="mask",
         hold_s=None,
-        retention=None,
+        retention_s=None,
         min_cells=1,
         created_at=0.0,
-        observations=3,
+        observation_seq=3,
+        compacted_seq=0,
+        measurements=3,
         first_time=None if last_time is None else NOW - 86400,
         last_time=last_time,
         revision=1,
@@ -68,10 +71,10 @@ class FakeSource:
     def now(self) -> float:
         return NOW
 
-    def grids(self) -> list[Location]:
+    def grids(self) -> list[LocationSummary]:
         return list(self.locations.values())
 
-    def grid(self, name: str) -> Location:
+    def grid(self, name: str) -> LocationSummary:
         if name not in self.locations:
             raise LocationNotFoundError(name)
         return self.locations[name]
@@ -82,5 +85,5 @@ class FakeSource:
         self.asked.append(question)
         return FakeState(time=question.time, confidence=question.confidence or 0.9)
 
-    def events(self, name: str, start: float) -> list[Event]:
+    def events(self, name: str, start: float) -> list[Anomaly]:
         return []

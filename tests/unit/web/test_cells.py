@@ -9,12 +9,15 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tests.unit.web.states import NOW, FakeState
+from tidemap.space.grid import GridGeometry
 from tidemap_web.viewer import colors
-from tidemap_web.viewer.cells import Ground, Picture, Taste, index_of, picture
+from tidemap_web.viewer.cells import Ground, Picture, Taste, picture
+
+GRID = GridGeometry("map", (0.0, 0.0, 0.0), 0.5, (2, 3, 4))
 
 
 def paint(state: FakeState, usual: NDArray[np.float32] | None = None) -> Picture:
-    return picture(state, Ground.of(state.cell, state.shape), usual, Taste(floor=0.1, fresh_s=3600))
+    return picture(state, Ground.of(GRID, state.cell), usual, Taste(floor=0.1, fresh_s=3600))
 
 
 def test_predicted_cells_have_the_colour_of_their_probability_above_the_floor() -> None:
@@ -80,7 +83,8 @@ def test_without_sightings_nothing_is_observed() -> None:
 
 
 def test_a_flat_grid_lies_on_the_ground() -> None:
-    assert index_of(np.array([0, 5]), [2, 3]).tolist() == [[0, 0, 0], [1, 2, 0]]
+    ground = Ground.of(GridGeometry("map", (0.0, 0.0, 0.0), 0.5, (2, 3)), np.array([0, 5]))
+    assert ground.index.tolist() == [[0, 0, 0], [1, 2, 0]]
 
 
 @given(st.lists(st.floats(0, 1), min_size=2, max_size=50))

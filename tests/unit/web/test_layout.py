@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from tidemap.space.grid import GridGeometry
 from tidemap_web.viewer.layout import Layout, arrange, floor_step, look
 from tidemap_web.viewer.picking import Ray, first_hit, rotation
 from tidemap_web.viewer.span import DAY_S, span
@@ -15,7 +16,7 @@ FOV = 0.7
 
 def layout_of(shape: tuple[int, int, int], flat: bool = False) -> Layout:
     index = np.array([[0, 0, 0], [n - 1 for n in shape]], dtype=np.int32)
-    return arrange((3.0, -2.0, 0.5), 0.2, index, flat)
+    return arrange(GridGeometry("map", (3.0, -2.0, 0.5), 0.2, shape), index, flat)
 
 
 def test_the_observed_grid_stands_aside_without_overlap() -> None:
@@ -23,7 +24,7 @@ def test_the_observed_grid_stands_aside_without_overlap() -> None:
     assert layout.low == pytest.approx([3.0, -2.0, 0.5])
     assert layout.high == pytest.approx([5.0, 2.0, 1.1])
     assert layout.shift[0] > layout.size[0]
-    assert layout.centre(np.array([[0, 0, 0]], dtype=np.int32))[0] == pytest.approx([3.1, -1.9, 0.6])
+    assert layout.grid.centre_at(np.array([[0, 0, 0]], dtype=np.int32))[0] == pytest.approx([3.1, -1.9, 0.6])
 
 
 @given(st.tuples(*[st.integers(1, 60)] * 3), st.floats(0.4, 3.0), st.booleans())
@@ -49,7 +50,7 @@ def test_floor_lines_are_round(extent: float, step: float) -> None:
 def test_the_nearest_square_under_the_pointer_is_picked() -> None:
     layout = layout_of((4, 4, 4))
     index = np.array([[0, 0, 0], [1, 0, 0], [1, 3, 0]], dtype=np.int32)
-    centre = layout.centre(index)
+    centre = layout.grid.centre_at(index)
     for aim, hit in ((0, 0), (1, 1), (2, 1)):  # the third is right behind the second
         origin = centre[aim] - np.array([0.0, 5.0, 0.0])
         ray = Ray(origin, np.array([0.0, 1.0, 0.0]), SOUTHERN)

@@ -15,23 +15,23 @@ def test_nobody_can_open_a_tunnel_to_a_public_server() -> None:
     assert InnerViser.request_share_url(object()) is None  # type: ignore[arg-type]
 
 
-def test_news_are_told_together() -> None:
-    told: list[set[str]] = []
+def test_news_are_reported_together() -> None:
+    reported: list[set[str]] = []
     enough = threading.Event()
 
-    def tell(names: set[str]) -> None:
-        told.append(names)
+    def report(names: set[str]) -> None:
+        reported.append(names)
         if "last" in names:
             enough.set()
 
-    bus, news = Bus(), News(tell)
+    bus, news = Bus(), News(report)
     news.start(bus)
     for number in range(200):
         bus.publish(EventMessage("observation", "lab", number, 0.0))
     bus.publish(EventMessage("update", "last", 1, 0.0))
     assert enough.wait(WAIT_S)
-    assert set().union(*told) == {"lab", "last"}
-    assert len(told) <= 3
+    assert set().union(*reported) == {"lab", "last"}
+    assert len(reported) <= 3
     news.stop()
 
 

@@ -1,4 +1,4 @@
-"""Sessions: the newest wish wins, one update at a time, and the page is told what is the matter."""
+"""Sessions: the newest request wins, one update at a time, and the page shows what is the matter."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -107,7 +107,7 @@ def test_it_opens_with_the_first_grid_at_its_newest_time(page: Page) -> None:
         assert (frame["predicted"], frame["observed"], frame["unexpected"]) == (2, 2, 1)
 
 
-def test_only_the_newest_of_many_wishes_is_drawn(page: Page) -> None:
+def test_only_the_newest_of_many_requests_is_drawn(page: Page) -> None:
     source, scene = FakeSource("lab"), FakeScene()
     with running(source, page) as session:
         session.attach(scene)
@@ -143,7 +143,7 @@ def test_a_scene_is_built_once_and_again_for_another_grid(page: Page) -> None:
 def test_live_moves_with_new_observations_and_others_do_not_disturb(page: Page) -> None:
     source = FakeSource("lab", "yard")
     with running(source, page) as session:
-        session.ask(ViewRequest(location="lab", follow=True))
+        session.ask(ViewRequest(location="lab", live=True))
         page.last("frame")
         source.locations["lab"] = location("lab", NOW + 60)
         session.notify({"yard"})
@@ -214,12 +214,12 @@ def test_a_browser_that_sleeps_does_not_hold_up_the_page(page: Page) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["", "[]", '{"kind": "wish", "time": "today"}', '{"kind": "wish", "floor": 2}', '{"kind": "x"}']
+    "text", ["", "[]", '{"kind": "view", "time": "today"}', '{"kind": "view", "floor": 2}', '{"kind": "x"}']
 )
 def test_a_wrong_message_is_refused(text: str) -> None:
     with pytest.raises(ValueError):  # noqa: PT011
         parse(text)
 
 
-def test_a_wish_may_leave_everything_out() -> None:
-    assert parse('{"kind": "wish"}') == ViewRequest()
+def test_a_request_may_leave_everything_out() -> None:
+    assert parse('{"kind": "view"}') == ViewRequest()

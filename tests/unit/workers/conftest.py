@@ -9,7 +9,7 @@ from tidemap.services.context import Context
 
 
 @pytest.fixture
-def lively(sqlite_url: str, clock: Clock) -> Iterator[Context]:
+def lively(database_url: str, clock: Clock) -> Iterator[Context]:
     """A context whose workers look around all the time."""
-    with opened(sqlite_url, clock, updater=True, updater_interval_s=0.02) as ctx:
+    with opened(database_url, clock, updater=True, updater_interval_s=0.02) as ctx:
         yield ctx

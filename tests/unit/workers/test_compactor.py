@@ -78,9 +78,9 @@ def test_a_few_large_posts_are_compacted_too(lively: Context, monkeypatch: pytes
     assert compacted(lively, "gate") == 0
 
 
-def test_many_measurements_wake_it(sqlite_url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_many_measurements_wake_it(database_url: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compactor_module, "COMPACT_MEASUREMENTS", 40)
-    with opened(sqlite_url, updater=True, updater_interval_s=3600.0) as ctx:
+    with opened(database_url, updater=True, updater_interval_s=3600.0) as ctx:
         make_location(ctx, "door")
         with working(ctx):
             for n in range(4):
@@ -277,8 +277,8 @@ def test_what_has_served_its_time_is_pruned(lively: Context, clock: Clock) -> No
         until(lambda: left() == 0)
 
 
-def test_it_can_be_told_to_leave_things_alone(sqlite_url: str) -> None:
-    with opened(sqlite_url, updater=False, updater_interval_s=0.02) as ctx:
+def test_it_can_be_told_to_leave_things_alone(database_url: str) -> None:
+    with opened(database_url, updater=False, updater_interval_s=0.02) as ctx:
         make_location(ctx, "door")
         post_many(ctx, COMPACT_POSTS + 1)
         with working(ctx) as compactor:

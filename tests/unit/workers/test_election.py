@@ -194,9 +194,9 @@ def test_jobs_that_the_holder_between_left_run_again(lively: Context) -> None:
 def test_a_follower_too_finds_out_when_the_database_can_be_written_again(lively: Context) -> None:
     """A server that is not ready gets no posts that would show it."""
     with held_elsewhere(lively), elected(lively) as election, at_work(Updater(lively, election)):
-        lively.store._writer.trouble.failed(OperationalError("INSERT", {}, sqlite3.OperationalError("disk is full")))
-        assert lively.store.trouble() is not None
-        until(lambda: lively.store.trouble() is None)
+        lively.store._writer.outage.failed(OperationalError("INSERT", {}, sqlite3.OperationalError("disk is full")))
+        assert lively.store.outage() is not None
+        until(lambda: lively.store.outage() is None)
         assert election.term is None
 
 

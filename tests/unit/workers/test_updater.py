@@ -31,7 +31,6 @@ from tidemap.errors import (
     StorageUnavailableError,
 )
 from tidemap.events.messages import EventMessage
-from tidemap.schemas.jobs import Job
 from tidemap.services import jobs as jobs_service
 from tidemap.services.context import Context
 from tidemap.services.jobs import cancel_job, claim_job, get_job, list_jobs, request_update
@@ -57,7 +56,7 @@ def working(ctx: Context) -> Iterator[Updater]:
         yield updater
 
 
-def finished(ctx: Context, number: int) -> Job | None:
+def finished(ctx: Context, number: int) -> JobRecord | None:
     job = get_job(ctx, number)
     return job if job.finished_at is not None else None
 
@@ -126,18 +125,18 @@ def test_an_update_that_fails_is_not_asked_for_all_the_time(lively: Context, clo
     post_states(lively, "door", 60.0 * np.arange(60), np.ones(60))
     compact_now(lively, "door")
     lively.store.write(lambda work: work.jobs._connection.execute(update(history).values(payload=b"")))
-    door = find_location(lively, "door").id
+    door, rest_s = find_location(lively, "door").id, lively.settings.update_rest_s
     with working(lively) as updater:
-        until(lambda: updater._retries._failures.get(door) == 1)
+        until(lambda: updater._retries._due.get(door) == clock.now + rest_s)
         time.sleep(0.2)
         assert len(list_jobs(lively, None, 9)) == 1
-        clock.now += lively.settings.update_rest_s
-        until(lambda: updater._retries._failures.get(door) == 2)
+        clock.now += rest_s
+        until(lambda: updater._retries._due.get(door) == clock.now + 2 * rest_s)
         # Ever more rarely.
-        clock.now += lively.settings.update_rest_s
+        clock.now += rest_s
         time.sleep(0.2)
         assert len(list_jobs(lively, None, 9)) == 2
-        clock.now += lively.settings.update_rest_s
+        clock.now += rest_s
         until(lambda: len(list_jobs(lively, None, 9)) == 3)
 
 
@@ -222,7 +221,7 @@ def make_lab(ctx: Context) -> None:
 
 
 def test_a_job_that_the_end_interrupts_runs_again_at_the_next_start(
-    sqlite_url: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    database_url: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     from tidemap.services import update
 
@@ -235,7 +234,7 @@ def test_a_job_that_the_end_interrupts_runs_again_at_the_next_start(
         return fit(*arguments)
 
     monkeypatch.setattr(update, "run_task", slow)
-    with opened(sqlite_url, update_threads=1) as ctx:
+    with opened(database_url, update_threads=1) as ctx:
         make_lab(ctx)
         with working(ctx) as updater:
             job = request_update(ctx, "lab", STATIC)
@@ -246,7 +245,7 @@ def test_a_job_that_the_end_interrupts_runs_again_at_the_next_start(
         assert get_job(ctx, job.id).state == "running"
         assert "failed" not in caplog.text
     monkeypatch.setattr(update, "run_task", fit)
-    with opened(sqlite_url) as ctx, working(ctx):
+    with opened(database_url) as ctx, working(ctx):
         done = until(lambda: finished(ctx, job.id))
         assert done.state == "done"
         assert done.result is not None
@@ -374,8 +373,8 @@ def test_one_location_that_cannot_be_cared_for_keeps_no_other_from_it(
     assert "location attic" in caplog.text
 
 
-def test_the_updater_can_be_told_to_leave_things_alone(sqlite_url: str) -> None:
-    with opened(sqlite_url, updater=False, updater_interval_s=0.02) as ctx:
+def test_the_updater_can_be_told_to_leave_things_alone(database_url: str) -> None:
+    with opened(database_url, updater=False, updater_interval_s=0.02) as ctx:
         make_location(ctx, "door")
         post_states(ctx, "door", 60.0 * np.arange(60), np.ones(60))
         with working(ctx):

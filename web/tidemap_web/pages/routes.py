@@ -1,6 +1,5 @@
 """The pages for operators: the list of locations, one location, and signing in."""
 
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -100,8 +99,8 @@ def _login_page(ctx: Context, request: Request, then: str, refusal: Refusal | No
 def _guarded(ctx: Context, request: Request, template: str, facts: Callable[[], Facts]) -> Response:
     """The page for who may look; what is wrong is said on a page too."""
     try:
-        if turned_away := guard.redirect(request):
-            return turned_away
+        if redirected := guard.redirect(request):
+            return redirected
         return page(request, template, {**guard.header(ctx, request), **facts()})
     except DomainError as error:
         return problem_page(request, error)
@@ -117,7 +116,7 @@ def _locations(ctx: Context, request: Request) -> Facts:
 
 def _location(ctx: Context, name: str) -> Facts:
     location = locations.get_location(ctx, name)
-    return {"location": location, "now": ctx.clock(), "cells": math.prod(location.shape)}
+    return {"location": location, "now": ctx.clock(), "cells": location.n_cells}
 
 
 def _events(ctx: Context, name: str) -> Facts:

@@ -1,5 +1,6 @@
 """Numbers, times and periods in the words of people who run robots."""
 
+from collections.abc import Sequence
 from datetime import datetime
 from zoneinfo import ZoneInfo
 
@@ -80,7 +81,7 @@ def metres(length: float) -> str:
     return f"{length:.4g} m"
 
 
-def cells(shape: list[int]) -> str:
+def cells(shape: Sequence[int]) -> str:
     """A grid's shape.
 
     >>> cells([40, 30, 8])

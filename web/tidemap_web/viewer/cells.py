@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from tidemap.space.grid import GridGeometry
 from tidemap_web.viewer import colors
 
 SEEN_OCCUPIED = 1
@@ -63,16 +64,6 @@ class Picture:
     structure: int
 
 
-def index_of(cell: NDArray[np.int64], shape: Sequence[int]) -> NDArray[np.int32]:
-    """Grid indices (n, 3) of linear cells (n,) in C order of `shape`; a flat grid has k = 0.
-
-    >>> index_of(np.array([5]), [2, 3]).tolist(), index_of(np.array([5]), [1, 2, 4]).tolist()
-    ([[1, 2, 0]], [[0, 1, 1]])
-    """
-    full = (*shape, 1, 1)[:3]
-    return np.stack(np.unravel_index(cell, full), axis=1).astype(np.int32)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Ground:
     """What stays from one time to the next: `index` (n, 3) in grid steps and `grey` (n,), colours by height."""
@@ -81,9 +72,9 @@ class Ground:
     grey: NDArray[np.uint16]
 
     @classmethod
-    def of(cls, cell: NDArray[np.int64], shape: Sequence[int]) -> "Ground":
+    def of(cls, grid: GridGeometry, cell: NDArray[np.int64]) -> "Ground":
         """The ground of linear cells (n,)."""
-        index = index_of(cell, shape)
+        index = grid.index(cell).astype(np.int32)
         return cls(index, colors.code_of_height(_height(index)))
 
 

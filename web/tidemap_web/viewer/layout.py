@@ -1,11 +1,12 @@
 """Where things stand in the scene: metres of the grid's frame, the observed grid moved aside along x."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from tidemap.space.grid import GridGeometry
 
 Vector = NDArray[np.float64]
 
@@ -14,12 +15,11 @@ Vector = NDArray[np.float64]
 class Layout:
     """One grid drawn twice.
 
-    In metres, (3,) each: `origin`, the corner of cell [0,0,0]; `low` and `high`, the bounds of the observed cells;
-    `shift`, added to draw the observed grid. `flat` tells a floor plan from a volume.
+    In metres, (3,) each: `low` and `high`, the bounds of the observed cells; `shift`, added to draw the observed grid.
+    `flat` says that it is a floor plan and no volume.
     """
 
-    origin: Vector
-    resolution_m: float
+    grid: GridGeometry
     low: Vector
     high: Vector
     shift: Vector
@@ -32,29 +32,22 @@ class Layout:
 
     def same_as(self, other: "Layout | None") -> bool:
         """Whether another layout puts everything at the same places."""
-        return other is not None and all(
-            np.array_equal(mine, theirs)
-            for mine, theirs in ((self.origin, other.origin), (self.low, other.low), (self.high, other.high))
-        )
+        if other is None or self.grid != other.grid:
+            return False
+        return np.array_equal(self.low, other.low) and np.array_equal(self.high, other.high)
 
     @property
     def lines_m(self) -> float:
         """Distance between the lines on the floor."""
         return floor_step(float(max(self.size[:2])))
 
-    def centre(self, index: NDArray[np.int32]) -> Vector:
-        """Centres (n, 3) of cells in metres."""
-        return self.origin + (index + 0.5) * self.resolution_m
 
-
-def arrange(origin: Sequence[float], resolution_m: float, index: NDArray[np.int32], flat: bool) -> Layout:
+def arrange(grid: GridGeometry, index: NDArray[np.int32], flat: bool) -> Layout:
     """Place both grids around the cells `index` (n, 3) that have been observed, a tenth (two cells) apart."""
-    corner = np.asarray(origin, dtype=np.float64)
-    low = corner + index.min(axis=0) * resolution_m
-    high = corner + (index.max(axis=0) + 1) * resolution_m
-    gap = max(2.0 * resolution_m, 0.12 * float(max(high[:2] - low[:2])))
+    low, high = np.array(grid.box_at(index)).reshape(2, 3)
+    gap = max(2.0 * grid.resolution_m, 0.12 * float(max(high[:2] - low[:2])))
     shift = np.array([float(high[0] - low[0]) + gap, 0.0, 0.0])
-    return Layout(corner, resolution_m, low, high, shift, flat)
+    return Layout(grid, low, high, shift, flat)
 
 
 def floor_step(extent_m: float) -> float:

@@ -12,16 +12,16 @@ PageMessage = dict[str, Any]
 
 
 class ViewRequest(Form):
-    """What the page wants to see; a new wish replaces the one before.
+    """What the page wants to see; a new one replaces the one before.
 
-    Without `time`, or with `follow`, the time of the newest observation; without `confidence`, the location's.
+    Without `time`, or with `live`, the time of the newest observation; without `confidence`, the location's.
     `floor` hides what is less likely; `dim` takes the colour from what is always occupied.
     """
 
-    kind: Literal["wish"] = "wish"
+    kind: Literal["view"] = "view"
     location: str | None = Field(None, max_length=128)
     time: TimeIn | None = None
-    follow: bool = False
+    live: bool = False
     confidence: Confidence | None = None
     order: int | None = Field(None, ge=0, le=64)
     floor: float = Field(0.1, ge=0, le=1)

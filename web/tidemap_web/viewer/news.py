@@ -5,43 +5,33 @@ import time
 from collections.abc import Callable
 
 from tidemap.events.bus import Bus
-from tidemap.events.messages import EventMessage
+from tidemap.events.subscription import EventFilter, Subscription
 
 _QUIET_S = 0.3
 
 
 class News:
-    """Listens to the bus and tells which locations have something new, at most a few times a second."""
+    """Follows the bus and reports which locations have something new, at most a few times a second."""
 
-    def __init__(self, tell: Callable[[set[str]], None]) -> None:
-        self._tell = tell
-        self._heard = threading.Condition()
-        self._names: set[str] = set()
+    def __init__(self, report: Callable[[set[str]], None]) -> None:
+        self._report = report
+        self._woken = threading.Event()
         self._stopped = False
 
     def start(self, bus: Bus) -> None:
-        """Listen from now on."""
-        unsubscribe = bus.subscribe(self._note)
-        threading.Thread(target=self._work, args=(unsubscribe,), name="viewer-news", daemon=True).start()
+        """Follow from now on."""
+        subscription = Subscription(bus, EventFilter(), self._woken.set)
+        threading.Thread(target=self._work, args=(subscription,), name="viewer-news", daemon=True).start()
 
     def stop(self) -> None:
-        """Listen no more."""
-        with self._heard:
-            self._stopped = True
-            self._heard.notify_all()
+        """Follow no more."""
+        self._stopped = True
+        self._woken.set()
 
-    def _note(self, message: EventMessage) -> None:
-        with self._heard:
-            self._names.add(message.location)
-            self._heard.notify_all()
-
-    def _work(self, unsubscribe: Callable[[], None]) -> None:
-        while True:
-            with self._heard:
-                self._heard.wait_for(lambda: self._names or self._stopped)
-                if self._stopped:
-                    break
-                names, self._names = self._names, set()
-            self._tell(names)
-            time.sleep(_QUIET_S)
-        unsubscribe()
+    def _work(self, subscription: Subscription) -> None:
+        with subscription:
+            while self._woken.wait() and not self._stopped:
+                self._woken.clear()
+                if names := {message.location for message in iter(subscription.take, None)}:
+                    self._report(names)
+                    time.sleep(_QUIET_S)

@@ -1,17 +1,18 @@
-"""Paints what a tab wishes to see and tells its page about it. Used by one thread, the session's."""
+"""Paints what a tab wants to see and reports it to its page. Used by one thread, the session's."""
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.schemas.locations import Grid, Location
+from tidemap.services.locations import LocationSummary
+from tidemap.space.grid import GridGeometry
 from tidemap_web.viewer import report
-from tidemap_web.viewer.cells import Cloud, Ground, Picture, Taste, index_of, picture
+from tidemap_web.viewer.cells import Cloud, Ground, Taste, picture
 from tidemap_web.viewer.layout import Layout, arrange
 from tidemap_web.viewer.messages import Aim, PageMessage, Select, ViewRequest
+from tidemap_web.viewer.painted import PaintedView
 from tidemap_web.viewer.picking import Ray, first_hit
 from tidemap_web.viewer.scene import CELL_HALF, Scene
 from tidemap_web.viewer.source import Question, Source, ViewedState
@@ -20,18 +21,7 @@ _log = logging.getLogger(__name__)
 ACKNOWLEDGE_S = 15.0
 FRESH_S = 3600.0
 Key = tuple[str, float, int, int]
-"""Tells the cells of a location at a revision: its name, when it was made, revision, number of cells."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PaintedView:
-    """What a tab shows."""
-
-    location: Location
-    state: ViewedState
-    picture: Picture
-    layout: Layout
-    taste: Taste
+"""Identifies the cells of a location at a revision: its name, when it was made, revision, number of cells."""
 
 
 class Painter:
@@ -52,7 +42,7 @@ class Painter:
         self._means: tuple[Key, NDArray[np.float32]] | None = None
 
     def prepare(self, scene: Scene | None, aim: Aim | None, select: Select | None) -> None:
-        """Take what came with the wish; None changes nothing."""
+        """Take what came with the request; None changes nothing."""
         if scene is not None:
             self._scene, self._built = scene, None
         if aim is not None:
@@ -64,27 +54,27 @@ class Painter:
         """Whether news of these locations can change what the tab shows; asked from other threads."""
         return self.shown is None or self._location in names or not names <= self._known
 
-    def paint(self, wish: ViewRequest, news: bool) -> None:
-        """Bring the tab to a wish; `news` asks for everything afresh.
+    def paint(self, request: ViewRequest, news: bool) -> None:
+        """Bring the tab to a request; `news` asks for everything afresh.
 
         Raises LocationNotFoundError, NoModelError.
         """
         if news:
-            self._tell_grids()
-        name = wish.location or next((grid.name for grid in self._source.grids()), None)
+            self._publish_grids()
+        name = request.location or next((grid.name for grid in self._source.grids()), None)
         if name is None:
             self.blank("no-grids", "")
             return
         location = self._source.grid(name)
         if news or self._location != name:
             self._publish_location(location)
-        shown = self._look(location, wish)
+        shown = self._look(location, request)
         if shown is None:
             self.blank("no-observations", name)
             return
         self._draw(shown)
         self.shown = shown
-        self._publish(report.frame(shown, wish, self._selected))
+        self._publish(report.frame(shown, request, self._selected))
 
     def blank(self, reason: str, detail: str) -> None:
         """Show nothing, and say why."""
@@ -105,12 +95,12 @@ class Painter:
         hits = [_hit(shown, cloud, ray.moved(shift)) for cloud, shift in clouds]
         return min((hit for hit in hits if hit is not None), default=(0.0, None))[1]
 
-    def _tell_grids(self) -> None:
+    def _publish_grids(self) -> None:
         grids = self._source.grids()
         self._known |= {grid.name for grid in grids}
         self._publish(report.grids(grids))
 
-    def _publish_location(self, location: Location) -> None:
+    def _publish_location(self, location: LocationSummary) -> None:
         if self._location != location.name:
             self._selected = None
         self._location = location.name
@@ -118,29 +108,30 @@ class Painter:
         first = location.first_time if location.first_time is not None else now
         self._publish(report.location(location, self._source.events(location.name, first), now))
 
-    def _look(self, location: Location, wish: ViewRequest) -> PaintedView | None:
+    def _look(self, location: LocationSummary, request: ViewRequest) -> PaintedView | None:
         """What there is to see; None when nothing has been observed."""
         if location.last_time is None or location.grid is None:
             return None
-        time = location.last_time if wish.follow or wish.time is None else wish.time
-        state = self._source.state(Question(location.name, time, wish.confidence, wish.order))
-        if len(state.cell) == 0:
+        time = location.last_time if request.live or request.time is None else request.time
+        state = self._source.state(Question(location.name, time, request.confidence, request.order))
+        if len(state.cell) == 0 or state.shape != location.grid.shape:
+            # Of another shape it is another location, which has just taken the name of this one.
             return None
         ground, layout = self._lay(location, location.grid, state)
-        usual = self._usual(location, state) if wish.dim else None
-        taste = Taste(wish.floor, max(FRESH_S, 2 * location.interval_s))
+        usual = self._usual(location, state) if request.dim else None
+        taste = Taste(request.floor, max(FRESH_S, 2 * location.interval_s))
         return PaintedView(location, state, picture(state, ground, usual, taste), layout, taste)
 
-    def _lay(self, location: Location, grid: Grid, state: ViewedState) -> tuple[Ground, Layout]:
+    def _lay(self, location: LocationSummary, grid: GridGeometry, state: ViewedState) -> tuple[Ground, Layout]:
         """Where the state's cells are, worked out once a revision."""
         key = _key(location, state)
         if self._laid is None or self._laid[0] != key:
-            ground = Ground.of(state.cell, state.shape)
-            layout = arrange(grid.origin, grid.resolution_m, ground.index, location.kind == "grid2d")
+            ground = Ground.of(grid, state.cell)
+            layout = arrange(grid, ground.index, location.kind == "grid2d")
             self._laid = (key, ground, layout)
         return self._laid[1], self._laid[2]
 
-    def _usual(self, location: Location, state: ViewedState) -> NDArray[np.float32] | None:
+    def _usual(self, location: LocationSummary, state: ViewedState) -> NDArray[np.float32] | None:
         """Mean probabilities of the state's cells, asked for once a revision."""
         key = _key(location, state)
         if self._means is None or self._means[0] != key:
@@ -155,7 +146,7 @@ class Painter:
             return
         with scene.client.atomic():
             if self._built != shown.location.name or not shown.layout.same_as(scene.layout):
-                scene.build(shown.layout, max(shown.state.shape))
+                scene.build(shown.layout, max(shown.grid.shape))
             if self._built != shown.location.name:
                 scene.aim(from_above=shown.layout.flat)
             scene.show(shown.picture)
@@ -176,18 +167,18 @@ class Painter:
             self._scene = None
 
 
-def _key(location: Location, state: ViewedState) -> Key:
+def _key(location: LocationSummary, state: ViewedState) -> Key:
     return location.name, location.created_at, state.revision, len(state.cell)
 
 
-def _index(shown: PaintedView, cell: int | None) -> NDArray[np.int32] | None:
-    if cell is None or cell >= int(np.prod(shown.state.shape)):
+def _index(shown: PaintedView, cell: int | None) -> NDArray[np.int64] | None:
+    if cell is None or cell >= shown.grid.n_cells:
         return None
-    index: NDArray[np.int32] = index_of(np.array([cell], dtype=np.int64), shown.state.shape)[0]
+    index: NDArray[np.int64] = shown.grid.index([cell])[0]
     return index
 
 
 def _hit(shown: PaintedView, cloud: Cloud, ray: Ray) -> tuple[float, int] | None:
     """Depth and linear index of the first cell of a cloud under a ray."""
-    hit = first_hit(ray, shown.layout.centre(cloud.index), CELL_HALF * shown.layout.resolution_m)
+    hit = first_hit(ray, shown.grid.centre_at(cloud.index), CELL_HALF * shown.grid.resolution_m)
     return None if hit is None else (hit[0], int(shown.state.cell[cloud.row[hit[1]]]))

@@ -30,8 +30,8 @@ def router(ctx: Context, viewer: ViewerServer) -> APIRouter:
     def view(request: Request) -> Response:
         """The viewer's page. `?location=` and `?time=` choose what it opens with."""
         try:
-            if turned_away := guard.redirect(request):
-                return turned_away
+            if redirected := guard.redirect(request):
+                return redirected
         except DomainError as error:
             return problem_page(request, error)
         facts = {
@@ -62,7 +62,7 @@ def router(ctx: Context, viewer: ViewerServer) -> APIRouter:
 
     @routes.websocket("/control/{token}")
     async def control(socket: WebSocket, token: str) -> None:
-        """The page's wishes and the session's answers."""
+        """The page's requests and the session's answers."""
         if refused := await run_in_threadpool(guard.refuse_socket, socket):
             await socket.send_denial_response(refused)
             return

@@ -1,27 +1,20 @@
-"""Sessions in the words of messages: what the page is told."""
-
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+"""Sessions in the words of messages: what the page shows."""
 
 import numpy as np
 
-from tidemap.schemas.anomalies import Event
-from tidemap.schemas.locations import Location
-from tidemap_web.viewer.cells import index_of
+from tidemap.services.anomalies import Anomaly
+from tidemap.services.locations import LocationSummary
 from tidemap_web.viewer.messages import PageMessage, ViewRequest
+from tidemap_web.viewer.painted import PaintedView
 from tidemap_web.viewer.span import span
 
-if TYPE_CHECKING:
-    from tidemap_web.viewer.painter import PaintedView
 
-
-def grids(items: list[Location]) -> PageMessage:
+def grids(items: list[LocationSummary]) -> PageMessage:
     """The grids one can choose from."""
     return {"kind": "grids", "items": [{"name": item.name, "kind": item.kind} for item in items]}
 
 
-def location(item: Location, events: list[Event], now: float) -> PageMessage:
+def location(item: LocationSummary, events: list[Anomaly], now: float) -> PageMessage:
     """The chosen grid, the stretch of its timeline, and marks on it."""
     message: PageMessage = {
         "kind": "location",
@@ -30,7 +23,7 @@ def location(item: Location, events: list[Event], now: float) -> PageMessage:
         "interval_s": item.interval_s,
         "confidence": item.confidence,
         "revision": item.revision,
-        "shape": item.shape,
+        "shape": list(item.cells.shape),
         "frame": item.grid.frame if item.grid else None,
         "resolution_m": item.grid.resolution_m if item.grid else None,
         "now": now,
@@ -43,18 +36,18 @@ def location(item: Location, events: list[Event], now: float) -> PageMessage:
     return message
 
 
-def _mark(event: Event) -> PageMessage:
+def _mark(event: Anomaly) -> PageMessage:
     return {
         "id": event.id,
         "start": event.start,
         "stop": event.stop,
         "observed": event.observed,
-        "cells": len(event.cells),
+        "cells": event.cells_total,
         "acknowledged": event.acknowledged_by is not None,
     }
 
 
-def frame(shown: PaintedView, wish: ViewRequest, selected: int | None) -> PageMessage:
+def frame(shown: PaintedView, request: ViewRequest, selected: int | None) -> PageMessage:
     """What is on the screen now."""
     state, picture = shown.state, shown.picture
     return {
@@ -62,7 +55,7 @@ def frame(shown: PaintedView, wish: ViewRequest, selected: int | None) -> PageMe
         "location": shown.location.name,
         "time": state.time,
         "last": shown.location.last_time,
-        "follow": wish.follow,
+        "live": request.live,
         "revision": state.revision,
         "estimator": state.estimator,
         "order": state.order,
@@ -83,18 +76,16 @@ def frame(shown: PaintedView, wish: ViewRequest, selected: int | None) -> PageMe
 
 def cell(shown: PaintedView, number: int) -> PageMessage | None:
     """One cell's facts; None when it has never been observed."""
-    state, grid = shown.state, shown.location.grid
+    state = shown.state
     rows = np.flatnonzero(state.cell == number)
-    if grid is None or len(rows) == 0 or state.observed is None or state.observed_time is None:
+    if len(rows) == 0 or state.observed is None or state.observed_time is None:
         return None
     row = int(rows[0])
-    index = index_of(np.array([number], dtype=np.int64), state.shape)[0]
-    position = np.asarray(grid.origin) + (index + 0.5) * grid.resolution_m
     seen = int(state.observed[row])
     return {
         "cell": number,
-        "index": index.tolist(),
-        "position_m": [round(float(x), 3) for x in position],
+        "index": shown.grid.index([number])[0].tolist(),
+        "position_m": [round(float(x), 3) for x in shown.grid.centre([number])[0]],
         "probability": float(state.probability[row]),
         "observed": None if seen == 2 else seen,
         "observed_time": None if seen == 2 else float(state.observed_time[row]),

@@ -62,7 +62,7 @@ class Scene:
         self._fill(self._clouds["predicted"], picture.predicted)
         self._fill(self._clouds["observed"], picture.observed)
 
-    def select(self, index: NDArray[np.int32] | None) -> None:
+    def select(self, index: NDArray[np.int64] | None) -> None:
         """Frame one cell (3,) in both grids, or none."""
         wanted = None if index is None else tuple(index.tolist())
         if self.layout is None or wanted == self._selected:
@@ -72,8 +72,8 @@ class Scene:
             self.client.scene.remove_by_name(f"/{name}/selected")
         if index is None:
             return
-        half = np.full(3, self.layout.resolution_m * 0.6)
-        centre = self.layout.centre(index)
+        half = np.full(3, self.layout.grid.resolution_m * 0.6)
+        centre = self.layout.grid.centre_at(index)
         for name in _GRIDS:
             shift = self.layout.shift if name == "observed" else np.zeros(3)
             self._frame(f"/{name}/selected", centre + shift, half)
@@ -107,8 +107,8 @@ class Scene:
             point_shape="square",
             point_shading="flat",
             precision="float16" if extent < _EXACT_FLOAT16 / 2 else "float32",
-            scale=layout.resolution_m,
-            position=layout.origin + shift,
+            scale=layout.grid.resolution_m,
+            position=np.asarray(layout.grid.origin) + shift,
             visible=False,
         )
 
@@ -116,7 +116,7 @@ class Scene:
         size = layout.size
         step = layout.lines_m
         centre = (layout.low + layout.high) / 2 + shift
-        bottom = layout.low[2] - (0.02 + 0.5 * layout.flat) * layout.resolution_m
+        bottom = layout.low[2] - (0.02 + 0.5 * layout.flat) * layout.grid.resolution_m
         self.client.scene.add_grid(
             f"/{name}/floor",
             width=float(size[0]),

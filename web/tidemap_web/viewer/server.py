@@ -28,7 +28,7 @@ class ViewerServer:
         self._sessions: dict[str, Session] = {}
         self._lock = threading.Lock()
         self._viser: InnerViser | None = None
-        self._news = News(self._tell)
+        self._news = News(self._notify)
 
     @property
     def port(self) -> int:
@@ -122,7 +122,7 @@ class ViewerServer:
             return ""
         return token_of(connection.request)
 
-    def _tell(self, names: set[str]) -> None:
+    def _notify(self, names: set[str]) -> None:
         with self._lock:
             sessions = list(self._sessions.values())
         for session in sessions:

@@ -1,4 +1,4 @@
-"""One browser tab: its newest wish, and the thread that has it painted."""
+"""One browser tab: its newest request, and the thread that has it painted."""
 
 import logging
 import threading
@@ -16,7 +16,7 @@ _log = logging.getLogger(__name__)
 
 
 class Session:
-    """The newest wish wins; at most one update is on its way to the browser.
+    """The newest request wins; at most one update is on its way to the browser.
 
     `publish` takes messages for the page and returns at once. All public methods return at once; painting
     happens on the session's own thread.
@@ -26,7 +26,7 @@ class Session:
         self.token = token
         self._painter = Painter(source, publish)
         self._changed = threading.Condition()
-        self._wish = ViewRequest()
+        self._request = ViewRequest()
         self._aim: Aim | None = None
         self._select: Select | None = None
         self._arrived: Scene | None = None
@@ -44,7 +44,7 @@ class Session:
         """Take a message of the page."""
         with self._changed:
             if isinstance(request, ViewRequest):
-                self._wish = request
+                self._request = request
             elif isinstance(request, Aim):
                 self._aim = request
             else:
@@ -98,19 +98,19 @@ class Session:
             return not self._closed
 
     def _take(self) -> tuple[ViewRequest, bool]:
-        """Hand what has changed to the painter; the wish, and whether there are news."""
+        """Hand what has changed to the painter; the request, and whether there are news."""
         with self._changed:
             scene, self._arrived = self._arrived, None
             aim, self._aim = self._aim, None
             select, self._select = self._select, None
             news, self._news = self._news, False
-            wish = self._wish
+            request = self._request
         self._painter.prepare(scene, aim, select)
-        return wish, news
+        return request, news
 
-    def _paint(self, wish: ViewRequest, news: bool) -> None:
+    def _paint(self, request: ViewRequest, news: bool) -> None:
         try:
-            self._painter.paint(wish, news)
+            self._painter.paint(request, news)
         except NoModelError as error:
             self._painter.blank("no-model", str(error))
         except LocationNotFoundError as error:

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from tidemap.errors import LocationNotFoundError
-from tidemap.schemas.anomalies import Event
-from tidemap.schemas.locations import Location
 from tidemap.services import anomalies, locations, predict
+from tidemap.services.anomalies import Anomaly
 from tidemap.services.context import Context
+from tidemap.services.locations import LocationSummary
 from tidemap_web.viewer.cells import StateArrays
 
 MARKS = 500
@@ -41,16 +41,16 @@ class Source(Protocol):
     def now(self) -> float:
         """Unix seconds."""
 
-    def grids(self) -> list[Location]:
+    def grids(self) -> list[LocationSummary]:
         """All locations that are grids, by name."""
 
-    def grid(self, name: str) -> Location:
+    def grid(self, name: str) -> LocationSummary:
         """One of them. Raises LocationNotFoundError."""
 
     def state(self, question: Question) -> ViewedState:
         """Raises NoModelError before the first revision."""
 
-    def events(self, name: str, start: float) -> list[Event]:
+    def events(self, name: str, start: float) -> list[Anomaly]:
         """Anomalies since `start`, oldest first, at most MARKS."""
 
 
@@ -64,11 +64,11 @@ class Services:
         """Unix seconds."""
         return self._ctx.clock()
 
-    def grids(self) -> list[Location]:
+    def grids(self) -> list[LocationSummary]:
         """All locations that are grids, by name."""
         return [location for location in locations.list_locations(self._ctx) if location.kind != "state"]
 
-    def grid(self, name: str) -> Location:
+    def grid(self, name: str) -> LocationSummary:
         """One grid with what is known of it."""
         location = locations.get_location(self._ctx, name)
         if location.kind == "state":
@@ -85,6 +85,6 @@ class Services:
         )
         return predict.state_at(self._ctx, question.location, query)
 
-    def events(self, name: str, start: float) -> list[Event]:
+    def events(self, name: str, start: float) -> list[Anomaly]:
         """Anomalies since `start`."""
         return anomalies.list_events(self._ctx, anomalies.EventQuery(location=name, start=start, limit=MARKS))

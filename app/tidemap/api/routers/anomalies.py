@@ -1,14 +1,16 @@
 """/anomalies and /locations/{name}/anomalies"""
 
+from dataclasses import dataclass, replace
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Request
+from fastapi import APIRouter, Depends, Query, Request
 from starlette.responses import Response
 
 from tidemap.api.bodies import FormRoute
 from tidemap.api.dependencies import After, Ctx, Id, Limit, Operator, TimeQuery, cursor, query_time
 from tidemap.api.encoding import with_etag
 from tidemap.api.long_questions import answered
+from tidemap.api.views.anomalies import event_view, listed_view
 from tidemap.formats.json_columns.parts import to_json
 from tidemap.media_types import JSON
 from tidemap.schemas.anomalies import AcknowledgeForm, DetectForm, Event, Events
@@ -16,55 +18,54 @@ from tidemap.schemas.common import Page
 from tidemap.services.anomalies import EventQuery, acknowledge, get_event, list_events
 from tidemap.services.context import Context
 from tidemap.services.detect import DetectQuery, detect
-from tidemap.services.listing import shortened
 
 router = APIRouter(tags=["anomalies"], route_class=FormRoute)
 Surprise = Annotated[float | None, Query(ge=0, le=1)]
 Acknowledged = Annotated[bool | None, Query()]
 
 
-@router.get("/anomalies", responses={200: {"model": Page[Event]}, 304: {}}, response_class=Response)
-def list_everywhere(
-    request: Request,
-    ctx: Ctx,
-    _: Operator,
+@dataclass(frozen=True, slots=True)
+class EventPage:
+    """The events of a page, `limit` at most; the query asks for one more, which says whether there is another page."""
+
+    query: EventQuery
+    limit: int
+
+
+async def event_page(
     after: After = None,
     limit: Limit = 100,
     start: TimeQuery = None,
     stop: TimeQuery = None,
     min_surprise: Surprise = None,
     acknowledged: Acknowledged = None,
-) -> Response:
-    """Events of all locations, oldest first; pass the last id you have seen as `after` to get newer ones only."""
+) -> EventPage:
+    """Which events are asked for, of all locations."""
     times = query_time("start", start), query_time("stop", stop)
     query = EventQuery(None, cursor("after", after), limit + 1, *times, min_surprise, acknowledged)
-    return _page(request, ctx, query, limit)
+    return EventPage(query, limit)
+
+
+AskedPage = Annotated[EventPage, Depends(event_page)]
+
+
+@router.get("/anomalies", responses={200: {"model": Page[Event]}, 304: {}}, response_class=Response)
+def list_everywhere(request: Request, ctx: Ctx, _: Operator, page: AskedPage) -> Response:
+    """Events of all locations, oldest first; pass the last id you have seen as `after` to get newer ones only."""
+    return _page(request, ctx, page.query, page.limit)
 
 
 @router.get("/locations/{name}/anomalies", responses={200: {"model": Page[Event]}, 304: {}}, response_class=Response)
-def list_here(
-    name: str,
-    request: Request,
-    ctx: Ctx,
-    _: Operator,
-    after: After = None,
-    limit: Limit = 100,
-    start: TimeQuery = None,
-    stop: TimeQuery = None,
-    min_surprise: Surprise = None,
-    acknowledged: Acknowledged = None,
-) -> Response:
+def list_here(name: str, request: Request, ctx: Ctx, _: Operator, page: AskedPage) -> Response:
     """Events of one location, oldest first."""
-    times = query_time("start", start), query_time("stop", stop)
-    query = EventQuery(name, cursor("after", after), limit + 1, *times, min_surprise, acknowledged)
-    return _page(request, ctx, query, limit)
+    return _page(request, ctx, replace(page.query, location=name), page.limit)
 
 
 def _page(request: Request, ctx: Context, query: EventQuery, limit: int) -> Response:
     events = list_events(ctx, query)
-    following = str(events[limit - 1].id) if len(events) > limit else None
-    items = [shortened(event) for event in events[:limit]]
-    content = to_json(Page(items=items, next=following).model_dump(mode="json"))
+    shown = events[:limit]
+    following = str(shown[-1].id) if len(events) > limit else None
+    content = to_json(Page(items=[listed_view(event) for event in shown], next=following).model_dump(mode="json"))
     return with_etag(request, (content,), lambda: Response(content, media_type=JSON))
 
 
@@ -73,16 +74,16 @@ async def search(name: str, form: DetectForm, request: Request, ctx: Ctx, _: Ope
     """The events of the history by this rule and confidence; nothing is stored."""
     query = DetectQuery(**form.model_dump())
     events, revision = await answered(request, lambda check: detect(ctx, name, query, check))
-    return Events(items=events, revision=revision)
+    return Events(items=[event_view(event) for event in events], revision=revision)
 
 
 @router.get("/anomalies/{anomaly_id}")
 def get(anomaly_id: Id, ctx: Ctx, _: Operator) -> Event:
     """One event with all of its cells."""
-    return get_event(ctx, anomaly_id)
+    return event_view(get_event(ctx, anomaly_id))
 
 
 @router.post("/anomalies/{anomaly_id}/acknowledge")
 def acknowledge_event(anomaly_id: Id, ctx: Ctx, principal: Operator, form: AcknowledgeForm | None = None) -> Event:
     """An operator has seen this event."""
-    return acknowledge(ctx, anomaly_id, principal.name, form.note if form else None)
+    return event_view(acknowledge(ctx, anomaly_id, principal.name, form.note if form else None))

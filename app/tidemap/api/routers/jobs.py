@@ -6,6 +6,7 @@ from fastapi import APIRouter, Query, Request, Response
 
 from tidemap.api.bodies import FormRoute
 from tidemap.api.dependencies import After, Ctx, Id, Limit, Operator, cursor
+from tidemap.api.views.jobs import job_view
 from tidemap.api.waiting import wait_for_job
 from tidemap.schemas.common import Page
 from tidemap.schemas.jobs import Job, UpdateForm
@@ -32,23 +33,23 @@ async def update(
     if job.finished_at is not None:
         response.status_code = 200
     response.headers["Location"] = f"/api/v1/jobs/{job.id}"
-    return job
+    return job_view(job)
 
 
 @router.get("/jobs")
 def list_all(ctx: Ctx, _: Operator, limit: Limit = 100, after: After = None) -> Page[Job]:
     """Jobs, newest first."""
-    items = jobs.list_jobs(ctx, cursor("after", after), limit + 1)
+    items = [job_view(job) for job in jobs.list_jobs(ctx, cursor("after", after), limit + 1)]
     return Page(items=items[:limit], next=str(items[limit - 1].id) if len(items) > limit else None)
 
 
 @router.get("/jobs/{job_id}")
 async def get(job_id: Id, ctx: Ctx, _: Operator, request: Request, wait: Wait = 0) -> Job:
     """One job, when it has ended or after `wait` seconds."""
-    return await wait_for_job(request, lambda: jobs.get_job(ctx, job_id), wait)
+    return job_view(await wait_for_job(request, lambda: jobs.get_job(ctx, job_id), wait))
 
 
 @router.delete("/jobs/{job_id}")
 def cancel(job_id: Id, ctx: Ctx, _: Operator) -> Job:
     """Cancel a queued job."""
-    return jobs.cancel_job(ctx, job_id)
+    return job_view(jobs.cancel_job(ctx, job_id))

@@ -4,6 +4,7 @@ from fastapi import APIRouter
 
 from tidemap.api.bodies import FormRoute
 from tidemap.api.dependencies import Admin, After, Ctx, Id, Limit, cursor
+from tidemap.api.views.keys import key_view, new_key_view
 from tidemap.schemas.common import Page
 from tidemap.schemas.keys import Key, KeyForm, NewKey
 from tidemap.services import keys
@@ -14,14 +15,14 @@ router = APIRouter(prefix="/keys", tags=["keys"], route_class=FormRoute)
 @router.get("")
 def list_all(ctx: Ctx, _: Admin, limit: Limit = 100, after: After = None) -> Page[Key]:
     """Keys without their secrets, in order of creation."""
-    items = keys.list_keys(ctx, cursor("after", after), limit + 1)
+    items = [key_view(key) for key in keys.list_keys(ctx, cursor("after", after), limit + 1)]
     return Page(items=items[:limit], next=str(items[limit - 1].id) if len(items) > limit else None)
 
 
 @router.post("", status_code=201)
 def create(form: KeyForm, ctx: Ctx, _: Admin) -> NewKey:
     """Make a key; its secret is shown this once."""
-    return keys.create_key(ctx, form.name, form.role)
+    return new_key_view(keys.create_key(ctx, form.name, form.role))
 
 
 @router.delete("/{key_id}", status_code=204)

@@ -4,6 +4,7 @@ from fastapi import APIRouter, Response
 
 from tidemap.api.bodies import FormRoute
 from tidemap.api.dependencies import Admin, After, Ctx, Limit, Operator
+from tidemap.api.views.locations import location_view
 from tidemap.schemas.common import Page
 from tidemap.schemas.locations import Location, LocationForm, LocationPatch
 from tidemap.services import locations
@@ -14,7 +15,7 @@ router = APIRouter(prefix="/locations", tags=["locations"], route_class=FormRout
 @router.post("", status_code=201)
 def create(form: LocationForm, ctx: Ctx, _: Admin, response: Response) -> Location:
     """Make a location."""
-    made = locations.create_location(ctx, form)
+    made = location_view(locations.create_location(ctx, form))
     response.headers["Location"] = f"/api/v1/locations/{made.name}"
     return made
 
@@ -22,20 +23,20 @@ def create(form: LocationForm, ctx: Ctx, _: Admin, response: Response) -> Locati
 @router.get("")
 def list_all(ctx: Ctx, _: Operator, limit: Limit = 100, after: After = None) -> Page[Location]:
     """All locations in order of their names."""
-    items = locations.list_locations(ctx, after, limit + 1)
+    items = [location_view(each) for each in locations.list_locations(ctx, after, limit + 1)]
     return Page(items=items[:limit], next=items[limit - 1].name if len(items) > limit else None)
 
 
 @router.get("/{name}")
 def get(name: str, ctx: Ctx, _: Operator) -> Location:
     """One location with what is known of it."""
-    return locations.get_location(ctx, name)
+    return location_view(locations.get_location(ctx, name))
 
 
 @router.patch("/{name}")
 def change(name: str, form: LocationPatch, ctx: Ctx, _: Admin) -> Location:
     """Change settings; the time base and the grid stay."""
-    return locations.change_location(ctx, name, form)
+    return location_view(locations.change_location(ctx, name, form))
 
 
 @router.delete("/{name}", status_code=204)

@@ -11,22 +11,23 @@ from tidemap.api.auth import confirming
 from tidemap.api.bodies import FormRoute
 from tidemap.api.dependencies import Asker, Ctx, Operator, TimeQuery, query_time
 from tidemap.api.encoding import (
+    encode_buffer,
     encode_grid,
     encode_prediction,
     encode_series,
-    encode_sheet,
     encode_state,
     preferred,
     with_etag,
 )
 from tidemap.api.forms import form_body, posted_form
 from tidemap.api.long_questions import answered
+from tidemap.api.views.maps import evaluation_view, model_view
 from tidemap.errors import InvalidInputError
 from tidemap.media_types import ARROW, JSON, NPY
 from tidemap.schemas import maps
 from tidemap.schemas.locations import Confidence, EstimatorName
 from tidemap.services.context import Context
-from tidemap.services.evaluate import evaluate
+from tidemap.services.evaluate import EvaluateQuery, evaluate
 from tidemap.services.model import model_of
 from tidemap.services.predict import (
     Asked,
@@ -34,9 +35,9 @@ from tidemap.services.predict import (
     StateFacts,
     StateQuery,
     ask,
+    buffer_of,
     grid_of,
     predict_at,
-    sheet_of,
     view_of,
 )
 from tidemap.services.series import SeriesQuery, series
@@ -83,8 +84,8 @@ def _answer(request: Request, ctx: Context, asked: Asked) -> Response:
 def _encode(ctx: Context, asked: Asked, facts: StateFacts, media_type: str) -> Response:
     if media_type == NPY:
         return encode_grid(facts, grid_of(ctx, asked))
-    loan = sheet_of(ctx, asked) if media_type == ARROW else None
-    return encode_state(view_of(ctx, asked), media_type) if loan is None else encode_sheet(facts, loan)
+    lease = buffer_of(ctx, asked) if media_type == ARROW else None
+    return encode_state(view_of(ctx, asked), media_type) if lease is None else encode_buffer(facts, lease)
 
 
 def _box(text: str | None) -> tuple[float, ...] | None:
@@ -131,11 +132,12 @@ async def series_of(
 @router.get("/model")
 async def model(name: str, request: Request, ctx: Ctx, _: Operator, cell: Cell = 0, order: Order = None) -> maps.Model:
     """The spectrum and the outliers of one cell; `order` recomputes without storing."""
-    return await answered(request, lambda check: model_of(ctx, name, cell, order))
+    return await answered(request, lambda check: model_view(model_of(ctx, name, cell, order)))
 
 
 @router.post("/evaluate", openapi_extra=form_body(maps.EvaluateForm))
 async def evaluation(name: str, request: Request, ctx: Ctx, _: Operator) -> maps.Evaluation:
     """Score estimators and orders against the history or the measurements given."""
     form = await posted_form(request, maps.EvaluateForm)
-    return await answered(request, lambda check: evaluate(ctx, name, form, check))
+    query = EvaluateQuery(**form.model_dump())
+    return await answered(request, lambda check: evaluation_view(evaluate(ctx, name, query, check)))

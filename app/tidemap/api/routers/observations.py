@@ -8,13 +8,13 @@ from tidemap.api.auth import confirming
 from tidemap.api.dependencies import Robot, posted_body
 from tidemap.api.parameters import StrictRoute
 from tidemap.api.state import state_of
+from tidemap.api.views.observations import accepted_view
 from tidemap.media_types import ARROW, JSON, NPY
 from tidemap.schemas.common import Text
 from tidemap.schemas.observations import Accepted, GridObservations, StateObservations
 from tidemap.services.keys import Principal
-from tidemap.services.listing import most_surprising
 from tidemap.services.observe import submit
-from tidemap.services.posts import Observed, Post
+from tidemap.services.posts import Post
 
 router = APIRouter(prefix="/locations/{name}/observations", tags=["observations"], route_class=StrictRoute)
 
@@ -87,19 +87,7 @@ async def post(
         body = await posted_body(request, time, share)
         sent = Post(body, source or _name(robot.principal), idempotency_key, robot.claim)
         result = await confirming(request, robot, submit(state_of(request).ctx, name, sent))
-    return Response(_answer(result).model_dump_json(), 200 if result.duplicate else 201, media_type=JSON)
-
-
-def _answer(result: Observed) -> Accepted:
-    return Accepted(
-        accepted=result.accepted,
-        duplicate=result.duplicate,
-        first_time=result.first_time,
-        last_time=result.last_time,
-        anomalies=most_surprising(result.anomalies),
-        anomalies_total=len(result.anomalies),
-        revision=result.revision,
-    )
+    return Response(accepted_view(result).model_dump_json(), 200 if result.duplicate else 201, media_type=JSON)
 
 
 def _name(robot: Principal) -> str | None:

@@ -13,7 +13,7 @@ ALL = ""
 
 
 @dataclass
-class Rest:
+class Pause:
     """A pause until `until`; the server has asked for the part until `asked` (both of the clock)."""
 
     pauses: Iterator[float]
@@ -27,13 +27,13 @@ class Backoff:
     def __init__(self, retry: RetryPolicy, clock: Callable[[], float] = time.monotonic) -> None:
         self._retry = retry
         self._clock = clock
-        self._backoff: dict[str, Rest] = {}
+        self._backoff: dict[str, Pause] = {}
 
     def failed(self, path: str, asked_s: float | None) -> None:
         """Nothing is sent to the location at `path` (ALL: to any) for a pause, or as long as the server asked."""
-        rest = self._backoff.setdefault(path, Rest(self._retry.pauses()))
-        rest.asked = self._clock() + min(asked_s or 0.0, MAX_ASKED_S)
-        rest.until = max(self._clock() + next(rest.pauses), rest.asked)
+        pause = self._backoff.setdefault(path, Pause(self._retry.pauses()))
+        pause.asked = self._clock() + min(asked_s or 0.0, MAX_ASKED_S)
+        pause.until = max(self._clock() + next(pause.pauses), pause.asked)
 
     def answered(self, path: str) -> None:
         """The server has decided on a batch of the location at `path`: no pause is left."""
@@ -42,8 +42,8 @@ class Backoff:
 
     def hurry(self) -> None:
         """Cut pauses to what the server has asked for."""
-        for rest in self._backoff.values():
-            rest.until = rest.asked
+        for pause in self._backoff.values():
+            pause.until = pause.asked
 
     def left_s(self) -> float:
         """Seconds until anything may be sent; 0 or less: now."""
@@ -52,7 +52,7 @@ class Backoff:
     def paths(self) -> list[str]:
         """The locations that nothing is sent to now."""
         now = self._clock()
-        return [path for path, rest in self._backoff.items() if path != ALL and rest.until > now]
+        return [path for path, pause in self._backoff.items() if path != ALL and pause.until > now]
 
     def next_s(self) -> float:
         """Seconds until the first of these locations may be sent to; infinite if there is none."""

@@ -13,7 +13,7 @@ PIECE_BYTES = 1 << 16
 """Text that is read at once."""
 Read = TypeVar("Read")
 _ENDS = ((b"{", b"},"), (b'"', b'",'), (b"[", b"],"))
-_PLACE = re.compile(r"^(?P<says>.*?)(?: - at `\$\.?(?P<path>[^`]*)`)?$", re.DOTALL)
+_WHERE = re.compile(r"^(?P<says>.*?)(?: - at `\$\.?(?P<path>[^`]*)`)?$", re.DOTALL)
 _MISSING = re.compile(r"missing required field `([^`]*)`")
 _UNKNOWN = re.compile(r"unknown field `([^`]*)`")
 
@@ -71,7 +71,7 @@ def _pieces(items: bytes) -> Iterator[bytes]:
 
 
 def _explained(message: str, form: type[Any]) -> InvalidInputError:
-    found = _PLACE.match(message)
+    found = _WHERE.match(message)
     says, path = (found["says"], found["path"] or "") if found else (message, "")
     if unknown := _UNKNOWN.search(says):
         known = "remove it or check its spelling" if path else f"known are {', '.join(form.__struct_fields__)}"

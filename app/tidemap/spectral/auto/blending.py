@@ -51,7 +51,7 @@ SEEN_ONCE: tuple[tuple[Week, Detail], ...] = (
     ("weekend", "smooth"),
     ("week", "smooth"),
 )
-"""What is tried where no weekday comes twice: what sets single days apart is then hardly told from chance."""
+"""What is tried where no weekday comes twice: what sets single days apart is then hardly known from chance."""
 EVIDENCE = (16.0, 4.0, 1.0, 0.25, 0.0625)
 EVIDENCE_SLOPE = (-0.14, 0.33)
 """Belief in more evidence, for every factor e: where visits are close, and what is added for every factor e of
@@ -158,8 +158,8 @@ def _levelled(task: Task, mixed: Blend) -> Blend:
 
 def _share(loss: Sequence[float], task: Task) -> float:
     """The average share, weighed as settings are; days left out tell nothing of days to come."""
-    told = np.zeros(len(SHARES)) if task.trials[0].around else np.array(loss)
-    weight = np.exp(SHARE_SLOPE * np.array(SHARES) - CARRY_OVER_TRUST * trust(task) * (told - told.min()))
+    known = np.zeros(len(SHARES)) if task.trials[0].around else np.array(loss)
+    weight = np.exp(SHARE_SLOPE * np.array(SHARES) - CARRY_OVER_TRUST * trust(task) * (known - known.min()))
     return round(float((weight * SHARES).sum() / weight.sum()), 2)
 
 

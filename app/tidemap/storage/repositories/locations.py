@@ -81,8 +81,8 @@ class LocationRepository:
 
     def _next_id(self) -> int:
         """One that no location ever had: SQLite by itself gives that of a deleted one again, and caches go by it."""
-        greatest = self._connection.execute(select(func.max(location_table.c.id))).scalar() or 0
-        return max(take(self._connection, "location"), int(greatest) + 1)
+        highest = self._connection.execute(select(func.max(location_table.c.id))).scalar() or 0
+        return max(take(self._connection, "location"), int(highest) + 1)
 
     def _refuse_taken(self, name: str) -> None:
         if self._connection.execute(select(location_table.c.id).where(location_table.c.name == name)).first():

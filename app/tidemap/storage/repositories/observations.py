@@ -29,7 +29,7 @@ from tidemap.storage.records import LocationRecord, ObservationRecord
 from tidemap.storage.tables import location as location_table
 from tidemap.storage.tables import observation
 
-GIVEN_BACK = 4096
+MAX_FREED_PAGES = 4096
 """Pages of the file that are given back at once."""
 
 
@@ -166,12 +166,12 @@ class ObservationRepository:
         if rows:
             self._connection.execute(insert(observation), [dict(row) for row in rows])
 
-    def give_back(self) -> None:
+    def shrink_file(self) -> None:
         """Shorten the file, by 4 MB at most, where more than an eighth of it is free; PostgreSQL does it by itself."""
         if self._connection.dialect.name != "sqlite":
             return
         free, whole = (self._connection.exec_driver_sql(f"PRAGMA {name}").scalar() or 0 for name in _PAGES)
-        for _ in range(min(free, GIVEN_BACK) if free > whole // 8 else 0):
+        for _ in range(min(free, MAX_FREED_PAGES) if free > whole // 8 else 0):
             # Python's driver stops after the first page of many.
             self._connection.exec_driver_sql("PRAGMA incremental_vacuum(1)")
 

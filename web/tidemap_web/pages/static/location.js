@@ -58,7 +58,7 @@ function stepFor(start, stop) {
 }
 
 async function load() {
-  const turn = ++latest;
+  const request = ++latest;
   if (location.last === null) return say("Nothing has been observed yet. Post observations, and they appear here.");
   if (cell === null) return say("Choose a cell: enter its number, or click one in the 3D viewer.");
   const [start, stop] = bounds();
@@ -69,10 +69,10 @@ async function load() {
       ask(`${base}/series?cell=${cell}&start=${from}&stop=${stop}&step=${step}`),
       ask(`${base}/anomalies?start=${from}&stop=${stop}&limit=1000`),
     ]);
-    if (turn !== latest) return;
+    if (request !== latest) return;
     show(series, events.items, step);
   } catch (error) {
-    if (turn === latest) say(error.message);
+    if (request === latest) say(error.message);
   }
 }
 

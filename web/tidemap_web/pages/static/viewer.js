@@ -10,8 +10,8 @@ const asked = new URLSearchParams(window.location.search);
 const HOUR = 3600;
 const DAY = 86400;
 
-const wish = { location: asked.get("location"), time: askedTime(), follow: false, confidence: null, order: null, floor: 0.1, dim: true };
-wish.follow = wish.time === null;
+const request = { location: asked.get("location"), time: askedTime(), live: false, confidence: null, order: null, floor: 0.1, dim: true };
+request.live = request.time === null;
 let location = null;
 let frame = null;
 let playing = false;
@@ -32,14 +32,14 @@ function send(message) {
 }
 
 function want(changes) {
-  Object.assign(wish, changes);
-  send({ kind: "wish", ...wish });
-  showWish();
+  Object.assign(request, changes);
+  send({ kind: "view", ...request });
+  showRequest();
 }
 
 function go(time) {
   if (!location?.span) return;
-  want({ time: timeline.clamp(time), follow: false });
+  want({ time: timeline.clamp(time), live: false });
 }
 
 // ---- the socket -------------------------------------------------------------------------------------------------
@@ -50,7 +50,7 @@ function connect() {
   socket = new WebSocket(address);
   socket.addEventListener("open", () => {
     tried = 0;
-    send({ kind: "wish", ...wish });
+    send({ kind: "view", ...request });
     loadScene();
   });
   socket.addEventListener("message", (event) => {
@@ -87,25 +87,25 @@ const handlers = {
       select.replaceChildren(...names.map((name) => new Option(name, name)));
     }
     select.disabled = names.length === 0;
-    select.value = location?.name ?? wish.location ?? names[0] ?? "";
+    select.value = location?.name ?? request.location ?? names[0] ?? "";
   },
   location(message) {
     const other = location?.name !== message.name;
     location = message;
-    wish.location = message.name;
+    request.location = message.name;
     $("location").value = message.name;
-    if (other && wish.confidence === null) setConfidence(message.confidence);
+    if (other && request.confidence === null) setConfidence(message.confidence);
     document.title = `${message.name} · Tidemap`;
     timeline.setLocation(location);
     markReach();
-    showWish();
+    showRequest();
   },
   frame(message) {
     frame = message;
     $("notice").hidden = true;
-    if (message.follow && wish.follow) wish.time = message.time;
+    if (message.live && request.live) request.time = message.time;
     showFrame();
-    showWish();
+    showRequest();
   },
   refused(message) {
     console.warn(`The viewer did not understand the page: ${message.detail}`);
@@ -131,7 +131,7 @@ function notice(title, text, code = "") {
 
 function explain({ reason, detail }) {
   const origin = window.location.origin;
-  const name = wish.location ?? "lab";
+  const name = request.location ?? "lab";
   if (reason === "no-grids") {
     const form = `{"name": "lab", "kind": "grid3d", "interval_s": 300, "time_zone": "Europe/London",\n  "grid": {"resolution_m": 0.2, "shape": [60, 40, 12]}}`;
     notice("No grid yet", "The viewer shows locations of kind grid2d and grid3d. Make one, or run “tidemap demo”:",
@@ -210,24 +210,24 @@ function showSelected(cell) {
   ]);
 }
 
-function showWish() {
-  $("floor-value").textContent = wish.floor.toFixed(2);
-  $("floor-note").textContent = wish.floor > 0 ? `(hidden below ${wish.floor.toFixed(2)})` : "";
-  $("ramp-floor").style.width = `${100 * wish.floor}%`;
-  document.querySelector(".structure").hidden = !wish.dim;
-  $("live").setAttribute("aria-pressed", String(wish.follow));
-  if (!location?.span || wish.time === null) {
+function showRequest() {
+  $("floor-value").textContent = request.floor.toFixed(2);
+  $("floor-note").textContent = request.floor > 0 ? `(hidden below ${request.floor.toFixed(2)})` : "";
+  $("ramp-floor").style.width = `${100 * request.floor}%`;
+  document.querySelector(".structure").hidden = !request.dim;
+  $("live").setAttribute("aria-pressed", String(request.live));
+  if (!location?.span || request.time === null) {
     $("date").textContent = "–";
     for (const id of ["clock", "zone", "tense"]) $(id).textContent = "";
     return;
   }
   const zone = location.time_zone;
-  $("date").textContent = dateText(wish.time, zone);
-  $("clock").textContent = clockText(wish.time, zone);
-  $("zone").textContent = zoneText(wish.time, zone);
-  const ahead = wish.time - location.span.last;
+  $("date").textContent = dateText(request.time, zone);
+  $("clock").textContent = clockText(request.time, zone);
+  $("zone").textContent = zoneText(request.time, zone);
+  const ahead = request.time - location.span.last;
   $("tense").textContent = ahead > 1 ? `forecast, +${durationText(ahead)}` : ahead < -1 ? `${durationText(-ahead)} before last` : "newest";
-  timeline.show(wish.time);
+  timeline.show(request.time);
   address();
 }
 
@@ -237,8 +237,8 @@ function address() {
   addressTimer = setTimeout(() => {
     const query = new URLSearchParams(window.location.search);
     query.set("location", location.name);
-    if (wish.follow) query.delete("time");
-    else query.set("time", String(Math.round(wish.time)));
+    if (request.live) query.delete("time");
+    else query.set("time", String(Math.round(request.time)));
     history.replaceState(null, "", `?${query}`);
   }, 300);
 }
@@ -256,12 +256,12 @@ function tick(now) {
   if (!playing) return;
   const elapsed = Math.min(0.5, (now - before) / 1000);
   before = now;
-  const ready = frame === null || frame.time === wish.time || wish.follow;
+  const ready = frame === null || frame.time === request.time || request.live;
   if (ready && location?.span) {
     const [low, high] = timeline.reach === "all" ? timeline.window() : [location.span.first, location.span.stop];
-    const next = wish.time + owed + elapsed * Number($("speed").value);
+    const next = request.time + owed + elapsed * Number($("speed").value);
     owed = 0;
-    want({ time: next > high ? low : next, follow: false });
+    want({ time: next > high ? low : next, live: false });
   } else owed += elapsed * Number($("speed").value);
   requestAnimationFrame(tick);
 }
@@ -278,19 +278,19 @@ function play(on) {
 }
 
 function step(seconds) {
-  if (wish.time !== null) go(wish.time + seconds);
+  if (request.time !== null) go(request.time + seconds);
 }
 
 function anomaly(direction) {
-  if (!location?.span || wish.time === null) return;
+  if (!location?.span || request.time === null) return;
   const starts = location.events.map((event) => event.start).sort((a, b) => a - b);
-  const found = direction > 0 ? starts.find((s) => s > wish.time + 1) : starts.findLast((s) => s < wish.time - 1);
+  const found = direction > 0 ? starts.find((s) => s > request.time + 1) : starts.findLast((s) => s < request.time - 1);
   if (found !== undefined) go(found);
 }
 
 function live() {
   play(false);
-  want({ follow: true });
+  want({ live: true });
 }
 
 // ---- hands ------------------------------------------------------------------------------------------------------
@@ -298,7 +298,7 @@ function live() {
 $("location").addEventListener("change", () => {
   play(false);
   frame = null;
-  if (!embedded) want({ location: $("location").value, time: null, follow: true });
+  if (!embedded) want({ location: $("location").value, time: null, live: true });
   else want({ location: $("location").value });
 });
 $("confidence").addEventListener("input", () => {
@@ -362,5 +362,5 @@ document.addEventListener("keydown", keys);
 
 for (const bar of document.querySelectorAll("[data-gradient]")) bar.style.background = bar.dataset.gradient;
 for (const swatch of document.querySelectorAll("[data-colour]")) swatch.style.background = swatch.dataset.colour;
-showWish();
+showRequest();
 connect();

@@ -1,0 +1,1 @@
+"""Wire forms of what the services return, one resource a module."""
