@@ -11,7 +11,7 @@ from tidemap.api.budget import Share
 from tidemap.api.state import state_of
 from tidemap.errors import InvalidInputError
 from tidemap.formats.registry import Body
-from tidemap.schemas.common import Text, parse_time
+from tidemap.schemas.common import Text, parse_time_text
 from tidemap.services.context import Context
 from tidemap.services.keys import Principal
 
@@ -41,7 +41,7 @@ def query_time(name: str, value: str | None) -> float | None:
     if value is None:
         return None
     try:
-        return parse_time(value)
+        return parse_time_text(value)
     except ValueError as error:
         raise InvalidInputError.at(name, str(error)) from None
 
