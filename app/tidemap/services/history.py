@@ -14,6 +14,7 @@ from tidemap.history.history import NEVER, UNOBSERVED, History
 from tidemap.history.measurements import Measurements
 from tidemap.history.segment import SEGMENT_SAMPLES, Segment, merge
 from tidemap.services.context import Context
+from tidemap.settings import YEAR_S
 from tidemap.storage.records import CHUNK_CELLS, LocationRecord
 from tidemap.storage.repositories.observations import Tail
 from tidemap.storage.work import Work
@@ -33,10 +34,38 @@ def span(location: LocationRecord) -> tuple[int, int]:
 
 
 def window(ctx: Context, location: LocationRecord) -> tuple[int, int]:
-    """The part of `span` that is modelled: its latest `max_samples` samples, fewer where a chunk would be too large."""
+    """The part of `span` that is modelled: its latest `max_samples` samples, fewer where a chunk would be too large.
+
+    What was seen before a gap of a year is left out where no more was seen before it than since, as a reading of a
+    clock that was wrong.
+    """
     start, stop = span(location)
     most = min(ctx.settings.max_samples, CHUNK_BITS // min(location.n_cells, CHUNK_CELLS))
-    return max(start, stop - most), stop
+    start = max(start, stop - most)
+    if (stop - start) * location.interval_s <= YEAR_S:
+        return start, stop
+    return max(start, _since_gap(_populated(ctx, location), YEAR_S / location.interval_s) * SEGMENT_SAMPLES), stop
+
+
+def _populated(ctx: Context, location: LocationRecord) -> list[int]:
+    """The segments in which something was seen, ascending."""
+    with ctx.store.read() as work:
+        compacted = work.segments.numbers(location.id)
+        ends = np.array(work.observations.pending_times(location), np.float64).reshape(-1)
+    return np.union1d(compacted, location.base.sample(ends) // SEGMENT_SAMPLES).tolist()
+
+
+def _since_gap(numbers: list[int], most: float) -> int:
+    """The first of the segments since the last gap of more than `most` samples with no more of them before than since.
+
+    >>> _since_gap([0, 900, 901], 5000.0), _since_gap([0, 1, 900], 5000.0), _since_gap([], 5000.0)
+    (900, 0, 0)
+    """
+    for i in reversed(range(1, len(numbers))):
+        gap = (numbers[i] - numbers[i - 1] - 1) * SEGMENT_SAMPLES
+        if gap > most and i <= len(numbers) - i:
+            return numbers[i]
+    return numbers[0] if numbers else 0
 
 
 def read_history(ctx: Context, location: LocationRecord, chunk: int, start: int, stop: int) -> History:

@@ -11,6 +11,7 @@ from tidemap.formats import registry
 from tidemap.history.measurements import Measurements
 from tidemap.ingest.observation import Target, checked
 from tidemap.schemas.anomalies import Event
+from tidemap.schemas.common import FARTHEST_S
 from tidemap.services.context import Context
 from tidemap.services.judge import judge
 from tidemap.services.keys import confirm
@@ -90,7 +91,9 @@ def parsed(ctx: Context, name: str, post: Post) -> tuple[LocationRecord, Measure
     try:
         location = ctx.locations.get(name, partial(find_location, ctx))
         columns = registry.read(post.body, location.kind, location.cells)
-        return location, checked(columns, Target(location.cells, ctx.clock() + ctx.settings.future_s))
+        now, settings = ctx.clock(), ctx.settings
+        earliest = max(now - settings.past_s, -FARTHEST_S)
+        return location, checked(columns, Target(location.cells, earliest, now + settings.future_s))
     except DomainError:
         _refuse(ctx, name, post)
         raise

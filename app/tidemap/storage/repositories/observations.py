@@ -128,6 +128,15 @@ class ObservationRepository:
         )
         return int(self._connection.execute(query).scalar() or 0)
 
+    def pending_times(self, location: LocationRecord) -> list[tuple[float, float]]:
+        """The first and the last time of every observation that is not compacted yet."""
+        query = (
+            select(observation.c.first_time, observation.c.last_time)
+            .where(observation.c.location_id == location.id, observation.c.id > location.compacted_seq)
+            .where(observation.c.id <= location.observation_seq)
+        )
+        return [(row.first_time, row.last_time) for row in self._connection.execute(query)]
+
     def waiting(self) -> dict[int, int]:
         """How many measurements are not compacted yet, by location id; those without any are left out."""
         query = (

@@ -37,6 +37,11 @@ class SegmentRepository:
                 segment = merge(segment, standing(aside, location.base), location.base)
             yield number, segment
 
+    def numbers(self, location_id: int) -> list[int]:
+        """The numbers of the segments that some chunk has, ascending."""
+        query = select(history.c.segment).where(history.c.location_id == location_id).distinct()
+        return sorted(self._connection.execute(query).scalars())
+
     def put_aside(self, location: LocationRecord, chunk: int, number: int) -> Segment | None:
         """What came in for a segment while it was damaged. Raises CorruptChunkError where that is damaged too."""
         return next((_unpack(location, row) for row in self._stored(location, (-1 - chunk,), number, number)), None)
