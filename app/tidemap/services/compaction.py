@@ -127,7 +127,7 @@ def _merge_all(
             with ctx.store.read() as work:
                 key, before = _before(ctx, work, location, (chunk, number))
             segment = before or Segment.empty(location.chunk_size(chunk), number)
-            yield key, pack_segment(merge(segment, new, location.base))
+            yield key, pack_segment(merge(segment, new, location.base, location.combine))
 
 
 def _before(ctx: Context, work: Work, location: LocationRecord, key: SegmentKey) -> tuple[SegmentKey, Segment | None]:

@@ -52,7 +52,7 @@ def _populated(ctx: Context, location: LocationRecord) -> list[int]:
     with ctx.store.read() as work:
         compacted = work.segments.numbers(location.id)
         ends = np.array(work.observations.pending_times(location), np.float64).reshape(-1)
-    return np.union1d(compacted, location.base.sample(ends) // SEGMENT_SAMPLES).tolist()
+    return sorted({*compacted, *(location.base.sample(ends) // SEGMENT_SAMPLES).tolist()})
 
 
 def _since_gap(numbers: list[int], most: float) -> int:
@@ -176,10 +176,11 @@ def _assemble(ctx: Context, work: Work, location: LocationRecord, chunk: int, fi
     whole = History.empty(location.chunk_size(chunk), first * SEGMENT_SAMPLES, (last - first + 1) * SEGMENT_SAMPLES)
     new = dict(by_segment(location, _tail(ctx, work, location, chunk)))
     for number, segment in work.segments.of_chunk(location, chunk, first, last):
-        _lay(whole, merge(segment, new.pop(number, NOTHING), location.base))
+        _lay(whole, merge(segment, new.pop(number, NOTHING), location.base, location.combine))
     for number, measured in new.items():
         if first <= number <= last:
-            _lay(whole, merge(Segment.empty(location.chunk_size(chunk), number), measured, location.base))
+            empty = Segment.empty(location.chunk_size(chunk), number)
+            _lay(whole, merge(empty, measured, location.base, location.combine))
     return whole
 
 

@@ -33,7 +33,7 @@ def create_location(ctx: Context, form: LocationForm) -> Location:
 def change_location(ctx: Context, name: str, form: LocationPatch) -> Location:
     """Change what the form names. Raises LocationNotFoundError, LocationExistsError, InvalidInputError."""
     values: dict[str, Any] = form.model_dump(exclude_unset=True)
-    for field in ("name", "time_zone", "estimator", "order", "confidence", "missing", "min_cells"):
+    for field in ("name", "time_zone", "estimator", "order", "confidence", "missing", "combine", "min_cells"):
         if field in values and values[field] is None:
             raise InvalidInputError.at(field, "null is no value here; leave the field out to keep it as it is")
     if values.get("order") == "auto":
@@ -42,12 +42,23 @@ def change_location(ctx: Context, name: str, form: LocationPatch) -> Location:
         values["retention_s"] = values.pop("retention")
 
     def change(work: Work) -> None:
+        _refuse_recombining(work.locations.get(name), values.get("combine"))
         record = work.locations.change(name, values)
         if record.missing == "hold" and record.hold_s is None:
             raise InvalidInputError.at("hold_s", "`missing` = 'hold' needs the seconds a state stands at most")
 
     ctx.store.write(change, lambda _: ctx.locations.forget())
     return get_location(ctx, values.get("name", name))
+
+
+def _refuse_recombining(record: LocationRecord, combine: str | None) -> None:
+    """What was combined cannot be taken apart again. Raises InvalidInputError."""
+    if combine not in (None, record.combine) and record.first_time is not None:
+        raise InvalidInputError.at(
+            "combine",
+            f"the observations of this location are combined by {record.combine!r}, which cannot be taken apart again; "
+            "make a new location, or delete its observations first",
+        )
 
 
 def delete_location(ctx: Context, name: str) -> None:
@@ -85,7 +96,7 @@ def _wire(record: LocationRecord, revision: RevisionRecord | None, open_anomalie
         grid=None if grid is None else GridForm(**{**asdict(grid), "shape": list(grid.shape)}),
         shape=list(record.cells.shape),
         retention=record.retention_s,
-        observations=record.measurements,
+        observations=record.measurements - record.deleted,
         updated_at=revision.updated_at if revision else None,
         accuracy=revision.accuracy if revision else None,
         open_anomalies=open_anomalies,

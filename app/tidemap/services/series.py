@@ -29,7 +29,8 @@ class SeriesView:
 
 @dataclass(frozen=True, slots=True)
 class SeriesQuery:
-    """One cell over [start, stop) every `step` seconds, by default the history that is modelled, at every sample, or the end of it."""
+    """One cell over [start, stop) every `step` seconds, by default the part of its history that is modelled, at every
+    sample, or the end of that where an answer may not be so long."""
 
     cell: int = 0
     start: float | None = None

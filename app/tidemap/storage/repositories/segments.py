@@ -8,7 +8,8 @@ from typing import Any
 from sqlalchemy import ColumnElement, Connection, delete, insert, select, update
 
 from tidemap.errors import CorruptChunkError
-from tidemap.history.segment import SEGMENT_SAMPLES, Segment, forget, merge, standing
+from tidemap.history.erasing import forget
+from tidemap.history.segment import SEGMENT_SAMPLES, Segment, join
 from tidemap.storage.blobs import pack_segment, unpack_segment
 from tidemap.storage.records import LocationRecord
 from tidemap.storage.tables import history
@@ -34,7 +35,7 @@ class SegmentRepository:
         for number, found in groupby(rows, key=lambda row: row.segment):
             segment, *asides = [_unpack(location, row) for row in found]
             for aside in asides:
-                segment = merge(segment, standing(aside, location.base), location.base)
+                segment = join(segment, aside, location.base, location.combine)
             yield number, segment
 
     def numbers(self, location_id: int) -> list[int]:
