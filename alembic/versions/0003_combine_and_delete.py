@@ -16,7 +16,7 @@ BigInt = sa.BigInteger().with_variant(sa.Integer(), "sqlite")
 # Whoever measured what the log does not name any more.
 UNNAMED = """
 INSERT INTO source (location_id, name, first_time, last_time)
-SELECT id, '', first_time, last_time FROM location
+SELECT id, '*', first_time, last_time FROM location
 WHERE compacted_seq > 0 AND first_time IS NOT NULL AND last_time IS NOT NULL
 AND NOT EXISTS (SELECT 1 FROM observation WHERE observation.location_id = location.id AND observation.id = 1)
 """

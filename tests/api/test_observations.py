@@ -34,7 +34,7 @@ from tests.api.house import (
 from tidemap.ingest.observation import TOO_OLD
 from tidemap.settings import YEAR_S
 
-ANSWERED = {"accepted", "duplicate", "first_time", "last_time", "anomalies", "anomalies_total", "revision"}
+ANSWERED = {"accepted", "dropped", "duplicate", "first_time", "last_time", "anomalies", "anomalies_total", "revision"}
 TIMES = [NOW - 3 * HOUR, NOW - 2 * HOUR, NOW - HOUR]
 
 
@@ -50,6 +50,7 @@ def test_the_answer_says_what_was_stored(api: Api) -> None:
     assert set(answer) == ANSWERED
     assert answer == {
         "accepted": 3,
+        "dropped": 0,
         "duplicate": False,
         "first_time": "2026-03-01T21:00:00Z",
         "last_time": "2026-03-01T23:00:00Z",

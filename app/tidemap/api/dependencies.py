@@ -38,8 +38,11 @@ async def posted_body(request: Request, time: str | None, share: Share) -> Body:
 
 def query_time(name: str, value: str | None) -> float | None:
     """Unix seconds of a query parameter. Raises InvalidInputError naming it."""
-    if value is None:
-        return None
+    return None if value is None else parse_query_time(name, value)
+
+
+def parse_query_time(name: str, value: str) -> float:
+    """Unix seconds of a query parameter that is there. Raises InvalidInputError naming it."""
     try:
         return parse_time_text(value)
     except ValueError as error:

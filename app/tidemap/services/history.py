@@ -147,7 +147,7 @@ def _stored(ctx: Context, work: Work, location: LocationRecord, chunk: int, star
     first, last = _segments(location, start, stop)
     if last < first:
         return _whole(ctx, work, location, chunk, start, stop)
-    version = (location.compacted_seq, location.observation_seq)
+    version = (location.compacted_seq, location.observation_seq, location.deleted)
     load = partial(_whole, ctx, work, location, chunk, start, stop)
     try:
         return ctx.histories.get((location.id, chunk, first, last), version, load)
