@@ -27,6 +27,7 @@ def is_loopback(host: str) -> bool:
 
 DAY_S = 86400.0
 WEEK_S = 7 * DAY_S
+YEAR_S = 365.25 * DAY_S
 
 
 class Settings(BaseSettings):
@@ -65,6 +66,12 @@ class Settings(BaseSettings):
         description="Longest window of a model in samples; older history is kept but not modelled.",
     )
     future_s: float = Field(3600.0, ge=0, description="How far ahead of the server's clock a measurement may be.")
+    past_s: float = Field(
+        19 * YEAR_S,
+        ge=0,
+        description="… and how far behind it, 19 years: archives can be imported, while a clock that lost its battery "
+        "(1970, 1980, 2000) or a GPS receiver that forgot a rollover (19.6 years slow) is noticed.",
+    )
 
     # How many requests
     requests_per_s: float = Field(

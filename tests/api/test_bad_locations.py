@@ -58,6 +58,8 @@ LOCATIONS = [
             None,
         )
     ),
+    location({"epoch": "2026"}, "epoch", "a number in quotes"),
+    location({"epoch": "2026-03-01"}, "epoch", "a date alone"),
     *(location({"epoch": value}, "epoch") for value in (NAN, 1e300, -1e12, "2026-03-01T00:00:00", "then", True, None)),
     *(location({"confidence": value}, "confidence") for value in (2, 1, 0.49, 0, -1, NAN, "high", None)),
     *(location({"order": value}, "order") for value in (65, 0, -1, 1.5, "all")),

@@ -53,6 +53,11 @@ STATES = [
     state([-INFINITY, T], [1, 0], "time[0]"),
     state(["2026-03-01T09:00:00"], [1], "time[0]", "zone"),
     state([T, "2026-03-01"], [1, 0], "time[1]", "zone"),
+    *(state([text], [1], "time[0]", "a number in quotes") for text in ("2026", "0930", str(T), " 7 ", "-1.5e3")),
+    *(
+        state([T, text], [1, 0], "time[1]", "a date alone")
+        for text in ("2026-03-01", "2026-03-01Z", "2026-03", "2026-W09")
+    ),
     state(["yesterday"], [1], "time[0]", "ISO 8601"),
     state(["2026-02-30T00:00:00Z"], [1], "time[0]", "ISO 8601"),
     state([""], [1], "time[0]", "ISO 8601"),
@@ -98,6 +103,7 @@ CELLS = [
     look({"time": NAN, "occupied": [1]}, "observations[0].time", "NaN"),
     look({"time": "2026-03-01T09:00", "occupied": [1]}, "observations[0].time", "zone"),
     look({"time": NOW + DAY, "occupied": [1]}, "observations[0].time", "future"),
+    look({"time": "2026", "occupied": [1]}, "observations[0].time", "a number in quotes"),
     look({"time": None, "occupied": [1]}, "observations[0].time"),
     look({"time": T, "occupied": [24]}, "observations[0].occupied[0]", "0 to 23"),
     look({"time": T, "free": [0, -1]}, "observations[0].free[1]", "0 to 23"),

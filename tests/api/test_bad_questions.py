@@ -25,6 +25,14 @@ QUESTIONS = [
             "0001-01-01T00:00:00Z",
         )
     ),
+    *(
+        ask(f"{DOOR}/state?time={value}", "time", "reads as a date")
+        for value in ("2026", "20260301", "0930", "00", "-07")
+    ),
+    ask(f"{DOOR}/state?time=2026-03-01", "time", "a date alone"),
+    ask(f"{DOOR}/series?start=2026", "start", "like 2026.0"),
+    ask(f"{DOOR}/series?stop=2026-03-01Z", "stop", "time of day"),
+    ask("/anomalies?start=2026", "start", "reads as a date"),
     *(ask(f"{DOOR}/state?confidence={value}", "confidence") for value in ("2", "1", "0.4", "nan", "inf", "x", "")),
     *(ask(f"{DOOR}/state?order={value}", "order") for value in ("65", "-1", "1.5", "x", "9" * 400, "9" * 5000)),
     *(ask(f"{DOOR}/state?estimator={value}", "estimator") for value in ("magic", "auto", "")),
@@ -61,6 +69,7 @@ QUESTIONS = [
         form(f"{DOOR}/predict", {"time": [T, value]}, "time[1]")
         for value in (NAN, INFINITY, "2026-03-01T00:00:00", "now", None, True, 1e300, [T], 10**400)
     ),
+    form(f"{DOOR}/predict", {"time": [T, "2026"]}, "time[1]", "a number in quotes"),
     form(f"{DOOR}/predict", {"time": []}, "time"),
     form(f"{DOOR}/predict", {"time": T}, "time"),
     form(f"{DOOR}/predict", {}, "time", "missing"),
@@ -83,6 +92,8 @@ QUESTIONS = [
     form(f"{DOOR}/evaluate", {"orders": [1], "estimators": []}, "estimators"),
     form(f"{DOOR}/evaluate", {"orders": [1], "estimators": ["magic"]}, "estimators[0]"),
     form(f"{DOOR}/evaluate", {"orders": [1], "start": NOW, "stop": T}, "stop", "swap"),
+    form(f"{DOOR}/evaluate", {"orders": [1], "start": "2026"}, "start", "a number in quotes"),
+    form(f"{DOOR}/evaluate", {"orders": [1], "train_stop": "2026-03-01"}, "train_stop", "a date alone"),
     form(f"{DOOR}/evaluate", {"orders": [1], "start": NOW + DAY, "stop": NOW + 2 * DAY}, "stop", "widen"),
     form(f"{DOOR}/evaluate", {"orders": [1], "train_start": NOW, "train_stop": T}, "train_stop", "widen"),
     form(f"{DOOR}/evaluate", {"orders": [1], "time": [T], "state": [1, 0]}, "state", "one length"),
@@ -100,12 +111,14 @@ QUESTIONS = [
     form(f"{DOOR}/anomalies/detect", {"start": NOW, "stop": T}, "stop", "swap"),
     form(f"{DOOR}/anomalies/detect", {"start": 0, "stop": 1e300}, "stop"),
     form(f"{DOOR}/anomalies/detect", {"start": "then", "stop": NOW}, "start"),
+    form(f"{DOOR}/anomalies/detect", {"start": "2026", "stop": NOW}, "start", "a number in quotes"),
     form(f"{DOOR}/anomalies/detect", {"start": 0, "stop": NOW, "rule": "gut"}, "rule"),
     form(f"{DOOR}/anomalies/detect", {"start": 0, "stop": NOW, "confidence": 2}, "confidence"),
     form(f"{DOOR}/anomalies/detect", {"start": 0, "stop": NOW, "order": 65}, "order"),
     # update
     form(f"{DOOR}/update", {"start": NOW, "stop": T}, "stop", "swap"),
     form(f"{DOOR}/update", {"start": NAN}, "start"),
+    form(f"{DOOR}/update", {"stop": "0930"}, "stop", "a number in quotes"),
     form(f"{DOOR}/update", {"start": 1e300}, "start"),
     form(f"{DOOR}/update", {"estimator": "magic"}, "estimator"),
     *(form(f"{DOOR}/update", {"order": value}, "order") for value in (0, 65, -1, "all", 2.5)),

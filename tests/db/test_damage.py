@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sqlalchemy import Table, delete, select, update
 
-from tests.support.contexts import compact_now, history_of, make_location, post_rows, post_states, refit
+from tests.support.contexts import Clock, compact_now, history_of, make_location, opened, post_rows, post_states, refit
 from tidemap.errors import CorruptChunkError
 from tidemap.schemas.locations import LocationPatch
 from tidemap.services.anomalies import EventQuery, acknowledge, list_events
@@ -226,16 +226,17 @@ class TestHistory:
             refit(ctx, "door", estimator="static")
         assert state_at(ctx, "door", StateQuery(0.0)).revision == 1
 
-    def test_retention_takes_it_once_it_is_old(self, ctx: Context) -> None:
-        make_lab(ctx)
-        damage(ctx, history, chunk=1)
-        post_rows(ctx, "lab", [(MINUTE * 6, 1030, 1)])
-        for retention, left in ((MINUTE * 4996, True), (MINUTE * 60, False)):
-            post_rows(ctx, "lab", [(MINUTE * 5000, cell, 1) for cell in CELLS])
-            change_location(ctx, "lab", LocationPatch(retention=retention))
-            refit(ctx, "lab", estimator="static")
-            assert bool(findings(ctx)) == left
-        assert state_at(ctx, "lab", StateQuery(0.0)).unavailable == []
+    def test_retention_takes_it_once_it_is_old(self, database_url: str) -> None:
+        with opened(database_url, Clock(MINUTE * 5000)) as ctx:
+            make_lab(ctx)
+            damage(ctx, history, chunk=1)
+            post_rows(ctx, "lab", [(MINUTE * 6, 1030, 1)])
+            for retention, left in ((MINUTE * 4996, True), (MINUTE * 60, False)):
+                post_rows(ctx, "lab", [(MINUTE * 5000, cell, 1) for cell in CELLS])
+                change_location(ctx, "lab", LocationPatch(retention=retention))
+                refit(ctx, "lab", estimator="static")
+                assert bool(findings(ctx)) == left
+            assert state_at(ctx, "lab", StateQuery(0.0)).unavailable == []
 
 
 def test_an_event_whose_cells_are_damaged_is_shown_without_them(ctx: Context) -> None:

@@ -1,11 +1,12 @@
 """At every moment log and segments together are the history: the services against a plain dictionary."""
 
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, nullcontext, suppress
 from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import (
@@ -18,13 +19,16 @@ from hypothesis.stateful import (
 )
 from sqlalchemy import func, select
 
-from tests.support.contexts import compact_now, history_of, make_location, opened, post_rows, refit
+from tests.support.contexts import Clock, compact_now, history_of, make_location, opened, post_rows, refit
 from tests.support.databases import Databases
 from tests.support.truth import Row, Truth, put, states_of
+from tidemap.errors import InvalidInputError
+from tidemap.history.combining import ANY, LATEST
 from tidemap.history.history import NEVER, UNOBSERVED
 from tidemap.history.timebase import TimeBase
 from tidemap.schemas.locations import LocationPatch
 from tidemap.services.context import Context
+from tidemap.services.deletion import Deletion, delete_observations
 from tidemap.services.history import last_seen
 from tidemap.services.locations import change_location, delete_location, find_location
 from tidemap.services.verify import Finding, verify
@@ -38,6 +42,7 @@ CELLS = (0, 1, 1022, 1023, 1024, 1169)
 SAMPLES = (-8193, -4097, -4096, -4095, -1, 0, 1, 4095, 4096, 5000)
 WHOLE = range(-8300, 5100)
 NAMES = count()
+NOW = float(BASE.time(5001))
 ROWS = st.builds(
     lambda sample, offset, cell, state: (float(BASE.time(sample)) + offset, cell, state),
     st.sampled_from(SAMPLES),
@@ -82,10 +87,14 @@ class HistoryMachine(RuleBasedStateMachine):
         self.stack = ExitStack()
         self.name = f"lab-{next(NAMES)}"
 
-    @initialize()
-    def begin(self) -> None:
-        self.ctx: Context = self.stack.enter_context(opened(self.url))
+    @initialize(combine=st.sampled_from((LATEST, ANY)))
+    def begin(self, combine: str) -> None:
+        self.combine = combine
+        self._open()
         self._make()
+
+    def _open(self) -> None:
+        self.ctx: Context = self.stack.enter_context(opened(self.url, Clock(NOW)))
 
     def teardown(self) -> None:
         self.stack.close()
@@ -97,9 +106,11 @@ class HistoryMachine(RuleBasedStateMachine):
     def post(self, rows: list[Row], source: str | None) -> None:
         key = f"k{len(self.posts)}"
         answer = post_rows(self.ctx, self.name, rows, idempotency_key=key, source=source)
-        assert (answer.accepted, answer.duplicate) == (len(rows), False)
-        self.posts.append((key, rows))
-        self._stored(rows)
+        kept = self._kept(rows)
+        assert (answer.accepted, answer.dropped, answer.duplicate) == (len(kept), len(rows) - len(kept), False)
+        if kept:
+            self.posts.append((key, rows))
+        self._stored(kept)
 
     @precondition(lambda self: self.posts)
     @rule(data=st.data())
@@ -113,7 +124,7 @@ class HistoryMachine(RuleBasedStateMachine):
     def repeat(self, data: st.DataObject) -> None:
         _, rows = data.draw(st.sampled_from(self.posts))
         post_rows(self.ctx, self.name, rows)
-        self._stored(rows)
+        self._stored(self._kept(rows))
 
     @rule()
     def compact(self) -> None:
@@ -122,26 +133,45 @@ class HistoryMachine(RuleBasedStateMachine):
     @precondition(lambda self: self.truth)
     @rule()
     def update(self) -> None:
-        refit(self.ctx, self.name, estimator="static")
         if self.retention_s is not None:
-            latest = find_location(self.ctx, self.name).last_time or 0.0
-            border = int(BASE.sample(latest - self.retention_s))
+            border = int(BASE.sample(NOW - self.retention_s))
             self.truth = {key: value for key, value in self.truth.items() if key[1] >= border}
+        with nullcontext() if self.truth else pytest.raises(InvalidInputError, match="no observations"):
+            refit(self.ctx, self.name, estimator="static")
+        self._check_first_time()
 
     @rule(samples=st.sampled_from((1, 4097, 9000)))
     def retain(self, samples: int) -> None:
         self.retention_s = samples * BASE.interval_s
         change_location(self.ctx, self.name, LocationPatch(retention=self.retention_s))
 
+    @rule(first=st.sampled_from(SAMPLES), length=st.sampled_from((1, 2, 4097, 20_000)))
+    def delete_some(self, first: int, length: int) -> None:
+        """Whole samples, so that it does not matter what was compacted before."""
+        what = Deletion(float(BASE.time(first)), float(BASE.time(first + length)))
+        left = {key: value for key, value in self.truth.items() if not first <= key[1] < first + length}
+        assert delete_observations(self.ctx, self.name, what) >= len(self.truth) - len(left)
+        self.truth = left
+
+    @rule(writes=st.integers(0, 1), first=st.sampled_from(SAMPLES))
+    def crash_in_a_deletion(self, writes: int, first: int) -> None:
+        store: Any = MortalStore(self.ctx.store, writes)
+        what = Deletion(float(BASE.time(first)), float(BASE.time(first + 2)))
+        with suppress(EndedError):
+            delete_observations(replace(self.ctx, store=store), self.name, what)
+        if writes:
+            self.truth = {key: value for key, value in self.truth.items() if not first <= key[1] < first + 2}
+        self.crash()
+
     @rule()
     def restart(self) -> None:
         self.stack.close()
-        self.ctx = self.stack.enter_context(opened(self.url))
+        self._open()
 
     @rule()
     def crash(self) -> None:
         """Nobody closes what was open."""
-        self.ctx = self.stack.enter_context(opened(self.url))
+        self._open()
 
     @precondition(lambda self: self.truth and self.retention_s is None)
     @rule(writes=st.integers(0, 4))
@@ -202,15 +232,26 @@ class HistoryMachine(RuleBasedStateMachine):
             assert location.observation_seq >= len(self.posts)
 
     def _make(self) -> None:
-        make_location(self.ctx, self.name, SHAPE, epoch=BASE.epoch, interval_s=BASE.interval_s)
+        make_location(self.ctx, self.name, SHAPE, epoch=BASE.epoch, interval_s=BASE.interval_s, combine=self.combine)
         self.truth = {}
         self.posts: list[tuple[str, list[Row]]] = []
         self.measurements = 0
         self.retention_s = None
 
     def _stored(self, rows: list[Row]) -> None:
-        put(self.truth, rows, BASE)
+        put(self.truth, rows, BASE, self.combine)
         self.measurements += len(rows)
+
+    def _kept(self, rows: list[Row]) -> list[Row]:
+        """What is not too old to be stored."""
+        return [row for row in rows if self.retention_s is None or row[0] >= NOW - self.retention_s]
+
+    def _check_first_time(self) -> None:
+        """Of an older measurement that another one stands for, too."""
+        first = find_location(self.ctx, self.name).first_time
+        assert (first is None) == (not self.truth)
+        if first is not None:
+            assert int(BASE.sample(first)) == min(sample for _, sample in self.truth)
 
 
 def rows_of(url: str, location_id: int) -> dict[str, int]:

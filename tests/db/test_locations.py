@@ -11,7 +11,7 @@ from tests.support.rows import VALUES
 from tidemap.errors import LocationExistsError, LocationNotFoundError
 from tidemap.services.context import Context
 from tidemap.services.jobs import request_update
-from tidemap.services.locations import delete_location
+from tidemap.services.locations import delete_location, find_location
 from tidemap.services.update import UpdateRequest
 from tidemap.storage.records import AnomalyRecord, LocationRecord
 from tidemap.storage.store import Store
@@ -106,6 +106,7 @@ def fill(ctx: Context, name: str) -> int:
         post_rows(ctx, name, [(n * 60.0, cell, (n + cell) % 2) for cell in (0, 500, 1199)], idempotency_key=f"k{n}")
         if n == 1:
             compact_now(ctx, name)
+    ctx.store.write(lambda work: work.sources.keep(find_location(ctx, name).id, 2))
     refit(ctx, name, estimator="static")
     request_update(ctx, name, UpdateRequest())
     with ctx.store.read() as work:

@@ -8,9 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.support.truth import Row, Truth, measurements_of, put, states_of
+from tidemap.history.erasing import forget
 from tidemap.history.history import UNOBSERVED
 from tidemap.history.measurements import Measurements
-from tidemap.history.segment import SEGMENT_SAMPLES, Segment, forget, merge, standing
+from tidemap.history.segment import SEGMENT_SAMPLES, Segment, merge, standing
 from tidemap.history.timebase import TimeBase
 from tidemap.storage.blobs import pack_segment, unpack_segment
 
@@ -63,6 +64,9 @@ def assert_same(one: Segment, other: Segment) -> None:
     assert (one.rank is None) == (other.rank is None)
     if one.rank is not None:
         np.testing.assert_array_equal(one.rank, other.rank)
+    assert (one.surplus is None) == (other.surplus is None)
+    if one.surplus is not None:
+        np.testing.assert_array_equal(one.surplus, other.surplus)
     assert pack_segment(one) == pack_segment(other)
 
 

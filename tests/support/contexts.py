@@ -30,6 +30,8 @@ from tidemap.workers.updater import Updater
 AtWork = TypeVar("AtWork", LeaderElection, Updater, Compactor)
 NOW = 1_700_000_000.0
 """A Tuesday, 22:13:20 UTC."""
+EVER_S = 1e11
+"""As `past_s`: tests measure from 1970 on."""
 
 
 class Clock:
@@ -57,8 +59,8 @@ class Serial:
 
 @contextmanager
 def opened(url: str, clock: Clock | None = None, **settings: Any) -> Iterator[Context]:
-    """A context whose updater, if a test starts one, only does what it is asked to."""
-    chosen = Settings(database_url=url, **{"updater": False, **settings})
+    """A context whose updater, if a test starts one, only does what it is asked to; posts may be of any time."""
+    chosen = Settings(database_url=url, **{"updater": False, "past_s": EVER_S, **settings})
     with open_context(chosen, clock or Clock()) as ctx:
         yield ctx
 

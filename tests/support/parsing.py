@@ -11,14 +11,15 @@ from tidemap.space.grid import GridGeometry
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """The location's kind and grid, and the latest time that measurements may have."""
+    """The location's kind and grid, and the latest and earliest time that measurements may have."""
 
     kind: str
     grid: GridGeometry
     latest: float
+    earliest: float = -6e10
 
 
 def parse(body: Body, target: Target) -> Measurements:
     """The measurements of a body, in order."""
     columns = registry.read(body, target.kind, target.grid)
-    return observation.checked(columns, observation.Target(target.grid, target.latest))
+    return observation.checked(columns, observation.Target(target.grid, target.earliest, target.latest))

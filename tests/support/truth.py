@@ -13,11 +13,12 @@ Truth = dict[tuple[int, int], tuple[float, int]]
 """By (cell, sample): the time and the state of the measurement that stands."""
 
 
-def put(truth: Truth, rows: Iterable[Row], base: TimeBase) -> None:
-    """Add measurements: the latest time stands, of two at the same time the occupied one."""
+def put(truth: Truth, rows: Iterable[Row], base: TimeBase, combine: str = "latest") -> None:
+    """Add measurements: the latest time stands, of two at the same time the occupied one; or any occupied one."""
     for time, cell, state in rows:
         key = (cell, int(base.sample(time)))
-        truth[key] = max(truth.get(key, (time, state)), (time, state))
+        readings = [truth.get(key, (time, state)), (time, state)]
+        truth[key] = max(readings) if combine == "latest" else max(readings, key=lambda reading: reading[::-1])
 
 
 def measurements_of(rows: Iterable[Row]) -> Measurements:

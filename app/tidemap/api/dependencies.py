@@ -11,7 +11,7 @@ from tidemap.api.budget import Share
 from tidemap.api.state import state_of
 from tidemap.errors import InvalidInputError
 from tidemap.formats.registry import Body
-from tidemap.schemas.common import Text, parse_time
+from tidemap.schemas.common import Text, parse_time_text
 from tidemap.services.context import Context
 from tidemap.services.keys import Principal
 
@@ -38,10 +38,13 @@ async def posted_body(request: Request, time: str | None, share: Share) -> Body:
 
 def query_time(name: str, value: str | None) -> float | None:
     """Unix seconds of a query parameter. Raises InvalidInputError naming it."""
-    if value is None:
-        return None
+    return None if value is None else parse_query_time(name, value)
+
+
+def parse_query_time(name: str, value: str) -> float:
+    """Unix seconds of a query parameter that is there. Raises InvalidInputError naming it."""
     try:
-        return parse_time(value)
+        return parse_time_text(value)
     except ValueError as error:
         raise InvalidInputError.at(name, str(error)) from None
 

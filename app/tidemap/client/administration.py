@@ -11,7 +11,7 @@ from tidemap.schemas.anomalies import Event
 from tidemap.schemas.common import Page
 from tidemap.schemas.jobs import Job
 from tidemap.schemas.keys import Key, NewKey, Role
-from tidemap.schemas.locations import EstimatorChoice, Grid, Kind, Location, Missing, OrderChoice
+from tidemap.schemas.locations import Combine, EstimatorChoice, Grid, Kind, Location, Missing, OrderChoice
 
 Handle = TypeVar("Handle")
 Items: TypeAlias = list[F]
@@ -65,6 +65,7 @@ class ClientOperations(AnomalyOperations, Generic[Handle]):
         confidence: float | None = None,
         missing: Missing | None = None,
         hold_s: float | None = None,
+        combine: Combine | None = None,
         retention: float | None = None,
         min_cells: int | None = None,
     ) -> Plan[Handle]:
@@ -85,6 +86,7 @@ class ClientOperations(AnomalyOperations, Generic[Handle]):
             confidence=confidence,
             missing=missing,
             hold_s=hold_s,
+            combine=combine,
             retention=retention,
             min_cells=min_cells,
         )

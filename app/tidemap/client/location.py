@@ -20,6 +20,7 @@ from tidemap.schemas.anomalies import Events, Rule
 from tidemap.schemas.jobs import Job
 from tidemap.schemas.locations import EstimatorChoice, EstimatorName, Location, OrderChoice
 from tidemap.schemas.maps import Evaluation, Model
+from tidemap.schemas.observations import Deleted
 
 
 class LocationOperations(AnomalyOperations):
@@ -41,6 +42,12 @@ class LocationOperations(AnomalyOperations):
         location = yield from ask(Location, send("PATCH", self.path, changes, {}, repeatable=True))
         self.path = path_of(location.name)
         return location
+
+    @operation
+    def delete_observations(self, start: TimeLike, stop: TimeLike, source: str | None = None) -> Plan[Deleted]:
+        """Delete what was measured in [start, stop), by one robot or by all of them (role admin)."""
+        query = given(start=start, stop=stop, source=source)
+        return ask(Deleted, Request("DELETE", f"{self.path}/observations", query, repeatable=False))
 
     @operation
     def delete(self) -> Plan[None]:

@@ -154,6 +154,7 @@ def merged(stored: list[Accepted]) -> Accepted:
     lasts = [answer.last_time for answer in stored if answer.last_time is not None]
     return Accepted(
         accepted=sum(answer.accepted for answer in stored),
+        dropped=sum(answer.dropped for answer in stored),
         duplicate=all(answer.duplicate for answer in stored),
         first_time=min(firsts, default=None),
         last_time=max(lasts, default=None),

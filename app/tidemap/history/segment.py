@@ -1,34 +1,39 @@
 """Segment: the history of one chunk of cells over a fixed stretch of samples, with the exact times it stands on.
 
-Of several measurements of a cell in one sample the one with the latest time stands (of two at the same time, the
-occupied one). To keep that true for measurements that arrive late, a segment remembers the time of every
-measurement that stands: a sorted table of distinct times, and, only where a sample holds more than one, the rank of
-each cell's time among its sample's.
+Of several measurements of a cell in one sample one stands, as the location's `combine` says (`combining`). To keep that
+true for measurements that arrive late, a segment remembers the time of every measurement that stands: a sorted table of
+distinct times, and, only where a sample holds more than one, the rank of each cell's time among its sample's.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tidemap.history.combining import KEYS, LATEST, MAJORITY, put_ranked, put_single, put_votes, votes_of
 from tidemap.history.history import UNOBSERVED, History
 from tidemap.history.jit import kernel
 from tidemap.history.measurements import Measurements
 from tidemap.history.timebase import TimeBase
 
 SEGMENT_SAMPLES = 4096
+Number = TypeVar("Number", np.uint16, np.int32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Segment:
     """`history` (n_cells, n_samples); `time` (n_times,) float64 ascending; `rank` (n_cells, n_samples) uint16 or None.
 
-    Canonical: the same standing measurements are the same segment, to the last bit.
+    `surplus` (n_cells, n_samples) int32 or None: by how many a cell's measurements in a sample are more for occupied
+    than for free, beyond the one that its state stands for; only `majority` has it.
+    Canonical: the same measurements are the same segment, to the last bit.
     """
 
     history: History
     time: NDArray[np.float64]
     rank: NDArray[np.uint16] | None
+    surplus: NDArray[np.int32] | None = None
 
     @classmethod
     def empty(cls, n_cells: int, number: int) -> "Segment":
@@ -36,13 +41,28 @@ class Segment:
         return cls(History.empty(n_cells, number * SEGMENT_SAMPLES, SEGMENT_SAMPLES), np.empty(0), None)
 
 
-def merge(segment: Segment, measurements: Measurements, base: TimeBase) -> Segment:
+def merge(segment: Segment, measurements: Measurements, base: TimeBase, combine: str = LATEST) -> Segment:
     """The segment with the measurements in it; neither their order nor earlier merges matter, to the last bit.
 
     `measurements.cell` counts from the chunk's first cell and all samples lie in the segment (ValueError).
-    O(measurements + bytes of the segment), and where a sample holds several times + n_cells x the samples from the
-    first to the last that is measured: robots mostly see the latest.
+    O(measurements + bytes of the segment), and where a sample holds several times, or for `majority`, + n_cells x the
+    samples from the first to the last that is measured: robots mostly see the latest.
     """
+    return _merge(segment, measurements, votes_of(measurements.state), base, combine)
+
+
+def join(segment: Segment, other: Segment, base: TimeBase, combine: str = LATEST) -> Segment:
+    """The segment with all that is in another one of the same samples, as if all of it had been merged."""
+    measurements = standing(other, base)
+    votes = votes_of(measurements.state)
+    if other.surplus is not None:
+        votes += other.surplus[other.history.states() != UNOBSERVED]
+    return _merge(segment, measurements, votes, base, combine)
+
+
+def _merge(
+    segment: Segment, measurements: Measurements, votes: NDArray[np.int32], base: TimeBase, combine: str
+) -> Segment:
     if not len(measurements):
         return segment
     start, n_samples = segment.history.start, segment.history.n_samples
@@ -52,7 +72,7 @@ def merge(segment: Segment, measurements: Measurements, base: TimeBase) -> Segme
     # Whole bytes of the planes.
     low, high = int(sample.min()) // 8 * 8, min(n_samples, int(sample.max()) // 8 * 8 + 8)
     times = np.searchsorted(base.sample(segment.time) - start, [low, high])
-    part = _merge(_cut(segment, low, high, times), measurements, sample - low, base)
+    part = _merge_part(_cut(segment, low, high, times), measurements, votes, sample - low, base, combine)
     return _paste(segment, part, low, high, times, base)
 
 
@@ -60,7 +80,9 @@ def _cut(segment: Segment, low: int, high: int, times: NDArray[np.int64]) -> Seg
     """What a segment holds of its samples [low, high), whole bytes of them, whose times are those of the slice."""
     planes = [plane[:, low // 8 : -(-high // 8)].copy() for plane in _planes(segment)]
     rank = None if segment.rank is None else segment.rank[:, low:high].copy()
-    return Segment(History(segment.history.start + low, high - low, *planes), segment.time[slice(*times)], rank)
+    surplus = None if segment.surplus is None else segment.surplus[:, low:high].copy()
+    history = History(segment.history.start + low, high - low, *planes)
+    return Segment(history, segment.time[slice(*times)], rank, surplus)
 
 
 def _paste(segment: Segment, part: Segment, low: int, high: int, times: NDArray[np.int64], base: TimeBase) -> Segment:
@@ -70,45 +92,57 @@ def _paste(segment: Segment, part: Segment, low: int, high: int, times: NDArray[
         plane[:, low // 8 : -(-high // 8)] = new
     history = History(segment.history.start, segment.history.n_samples, observed, occupied)
     time = np.concatenate([segment.time[: times[0]], part.time, segment.time[times[1] :]])
-    if not (np.diff(base.sample(time)) == 0).any():
-        return Segment(history, time, None)
-    rank = np.zeros((history.n_cells, history.n_samples), np.uint16) if segment.rank is None else segment.rank.copy()
-    rank[:, low:high] = 0 if part.rank is None else part.rank
-    return Segment(history, time, rank)
+    several = bool((np.diff(base.sample(time)) == 0).any())
+    rank = _pasted(segment.rank, part.rank, history, low, high) if several else None
+    surplus = _pasted(segment.surplus, part.surplus, history, low, high)
+    return Segment(history, time, rank, surplus if surplus is not None and surplus.any() else None)
+
+
+def _pasted(
+    whole: NDArray[Number] | None, part: NDArray[Number] | None, history: History, low: int, high: int
+) -> NDArray[Number] | None:
+    """A (n_cells, n_samples) array with `part` as its samples [low, high); None is zeros."""
+    if part is None:
+        if whole is not None:
+            whole = whole.copy()
+            whole[:, low:high] = 0
+        return whole
+    pasted = np.zeros((history.n_cells, history.n_samples), part.dtype) if whole is None else whole.copy()
+    pasted[:, low:high] = part
+    return pasted
 
 
 def _planes(segment: Segment) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     return segment.history.observed, segment.history.occupied
 
 
-def _merge(segment: Segment, measurements: Measurements, sample: NDArray[np.int64], base: TimeBase) -> Segment:
-    """As `merge`, at the cost of the whole segment; `sample` counts from its first. Its planes are written to."""
+def _merge_part(
+    segment: Segment,
+    measurements: Measurements,
+    votes: NDArray[np.int32],
+    sample: NDArray[np.int64],
+    base: TimeBase,
+    combine: str,
+) -> Segment:
+    """As `_merge`, at the cost of the whole segment; `sample` counts from its first. Its arrays are written to."""
     start, n_samples = segment.history.start, segment.history.n_samples
     heads = measurements.heads
     table = np.union1d(segment.time, measurements.time[heads])
     first = np.searchsorted(base.sample(table) - start, np.arange(n_samples + 1))
     observed, occupied = _planes(segment)
     cell = measurements.cell.astype(np.int64)
-    if np.diff(first).max(initial=0) <= 1:
-        _put(observed, occupied, cell, sample, measurements.state)
+    if combine != MAJORITY and np.diff(first).max(initial=0) <= 1:
+        put_single(observed, occupied, cell, sample, measurements.state)
         return Segment(segment.history, table, None)
     entry = np.searchsorted(table, measurements.time[heads]) - first[sample[heads]]
     entry = np.repeat(entry, np.diff(heads, append=len(sample))).astype(np.int32)
-    rank = _ranks(segment, table, first, base)
-    _put_ranked(observed, occupied, rank, cell, sample, entry, measurements.state)
-    return _canonical(segment.history, table, rank, first)
-
-
-def forget(segment: Segment, before: int, base: TimeBase) -> Segment:
-    """The segment without what was measured before sample `before`."""
-    history, rank = segment.history, segment.rank
-    border = min(max(before, history.start), history.stop)
-    kept = history.window(border, history.stop).window(history.start, history.stop)
-    if rank is not None:
-        rank = rank.copy()
-        rank[:, : border - history.start] = 0
-    time = segment.time[base.sample(segment.time) >= before]
-    return Segment(kept, time, rank if rank is not None and rank.any() else None)
+    rank, surplus = _ranks(segment, table, first, base), None
+    if combine == MAJORITY:
+        surplus = np.zeros(rank.shape, np.int32) if segment.surplus is None else segment.surplus
+        put_votes(observed, occupied, surplus, rank, cell, sample, entry, votes)
+    else:
+        put_ranked(observed, occupied, rank, cell, sample, entry, measurements.state, *KEYS[combine])
+    return replace(_canonical(segment.history, table, rank, first), surplus=surplus)
 
 
 def standing(segment: Segment, base: TimeBase) -> Measurements:
@@ -146,47 +180,6 @@ def _canonical(
     narrow = np.zeros(rank.shape, np.uint16)
     _narrow(rank, first, kept, narrow)
     return Segment(history, table[used], narrow)
-
-
-@kernel
-def _put(
-    observed: NDArray[np.uint8],
-    occupied: NDArray[np.uint8],
-    cell: NDArray[np.int64],
-    sample: NDArray[np.int64],
-    state: NDArray[np.uint8],
-) -> None:
-    """Write measurements; no two of them have the same sample and different times."""
-    for i in range(cell.size):
-        row, byte = cell[i], sample[i] >> 3
-        mask = np.uint8(1) << np.uint8(sample[i] & 7)
-        observed[row, byte] |= mask
-        if state[i]:
-            occupied[row, byte] |= mask
-
-
-@kernel
-def _put_ranked(
-    observed: NDArray[np.uint8],
-    occupied: NDArray[np.uint8],
-    rank: NDArray[np.int32],
-    cell: NDArray[np.int64],
-    sample: NDArray[np.int64],
-    entry: NDArray[np.int32],
-    state: NDArray[np.uint8],
-) -> None:
-    """Write the measurements that stand; `entry` is the rank of each."""
-    for i in range(cell.size):
-        row, n = cell[i], sample[i]
-        if entry[i] < rank[row, n] or (entry[i] == rank[row, n] and not state[i]):
-            continue
-        rank[row, n] = entry[i]
-        mask = np.uint8(1) << np.uint8(n & 7)
-        observed[row, n >> 3] |= mask
-        if state[i]:
-            occupied[row, n >> 3] |= mask
-        else:
-            occupied[row, n >> 3] &= ~mask
 
 
 @kernel

@@ -14,15 +14,20 @@ from tidemap.history.snapshot import sort_snapshot
 from tidemap.schemas.common import FARTHEST_S
 from tidemap.space.grid import GridGeometry
 
+TOO_OLD = (
+    "this lies too far in the past; check the robot's clock and that times are in seconds, "
+    "or raise TIDEMAP_PAST_S on the server to take an older archive"
+)
 BLOCK = 1 << 18
 """Rows that are checked at once."""
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What the measurements are for: the location's grid, and the latest time they may have."""
+    """What the measurements are for: the location's grid, and the times they may have, from `earliest` to `latest`."""
 
     grid: GridGeometry
+    earliest: float
     latest: float
 
 
@@ -33,7 +38,9 @@ def checked(columns: Columns, target: Target) -> Measurements:
     """
     if not len(columns.time):
         raise InvalidInputError.at(columns.whole, "there is no measurement in it; send at least one")
-    look = sort_snapshot(columns.time, columns.cell, columns.state, (-FARTHEST_S, target.latest), target.grid.n_cells)
+    look = sort_snapshot(
+        columns.time, columns.cell, columns.state, (target.earliest, target.latest), target.grid.n_cells
+    )
     return _in_order(columns, target) if look is None else look
 
 
@@ -65,6 +72,7 @@ def _check(columns: Columns, start: int, target: Target) -> None:
     n_cells = target.grid.n_cells
     says = f"cells are 0 to {n_cells - 1} here, and indices [i,j,k] lie within the shape {list(target.grid.shape)}"
     refuse((cell < 0) | (cell >= n_cells), columns.cell_field, says)
+    refuse(time < target.earliest, columns.time_field, TOO_OLD)
 
 
 def _refuse(start: int, wrong: NDArray[np.bool_], field: Callable[[int], str], message: str) -> None:

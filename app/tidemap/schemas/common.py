@@ -1,6 +1,7 @@
 """Forms that several messages share: strict bases, times in and out, pages, problems."""
 
 import math
+import re
 from datetime import datetime, timezone
 from typing import Annotated, Any, Generic, TypeVar
 
@@ -21,10 +22,19 @@ FARTHEST_S = 6e10
 """Times lie within this many seconds of 1970, years 68 to 3871: every one of them can be written as ISO 8601."""
 
 
-def parse_time(value: object) -> float:
-    """Unix seconds of a number or an ISO 8601 string with a zone.
+_DAY = r"\d{4}-?\d\d-?\d\d|\d{4}-?W\d\d(?:-?\d)?|\d{4}-\d\d"
+_WITHOUT_HOUR = re.compile(rf"(?:{_DAY})(?:[Zz]|[+-]\d\d:?\d\d)?", re.ASCII)
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
+_CALENDAR = re.compile(r"(?:19|20)\d\d(?:(?:0[1-9]|1[0-2])(?:0[1-9]|[12]\d|3[01]))?|[+-]?0\d+", re.ASCII)
+"""A year, a day written without hyphens, or digits behind a zero as of a clock: nobody means them as Unix seconds."""
+LIKE = "2026-03-01T09:00:00Z"
 
-    Raises ValueError for a naive time, NaN, infinity, a boolean, a time far from ours or anything else.
+
+def parse_time(value: object) -> float:
+    """Unix seconds of a number or an ISO 8601 string with a time of day and a zone.
+
+    Raises ValueError for a number in quotes, a date alone, a naive time, NaN, infinity, a boolean, a time far from
+    ours or anything else.
 
     >>> parse_time("1970-01-01T01:00:00+01:00"), parse_time(60)
     (0.0, 60.0)
@@ -33,7 +43,7 @@ def parse_time(value: object) -> float:
         return _parse_iso(value)
     if isinstance(value, bool) or not isinstance(value, int | float):
         # ValueError, not TypeError: that is what pydantic turns into a field's error.
-        raise ValueError("give Unix seconds (a number) or an ISO 8601 time with a zone, such as 2026-03-01T09:00:00Z")  # noqa: TRY004
+        raise ValueError(f"give Unix seconds (a number) or an ISO 8601 time with a zone, such as {LIKE}")  # noqa: TRY004
     if value != value or value in (math.inf, -math.inf):
         raise ValueError("NaN and infinity are no times; give finite Unix seconds")
     if not -FARTHEST_S <= value <= FARTHEST_S:
@@ -41,16 +51,34 @@ def parse_time(value: object) -> float:
     return float(value)
 
 
+def parse_time_text(text: str) -> float:
+    """As `parse_time`, where every value arrives as text, as in an address: numbers are Unix seconds.
+
+    ValueError also for digits that read as a year, a day or a time of day; 2026.0 is Unix seconds.
+
+    >>> parse_time_text("1700000000"), parse_time_text("2026.0"), parse_time_text("1970-01-01T00:01:00Z")
+    (1700000000.0, 2026.0, 60.0)
+    """
+    if not _NUMBER.fullmatch(text):
+        return _parse_iso(text)
+    if _CALENDAR.fullmatch(text):
+        raise ValueError(
+            f"{text!r} reads as a date or a time of day; write a date in full, like {LIKE}, "
+            "and Unix seconds without leading zeros and with a point, like 2026.0"
+        )
+    return parse_time(float(text))
+
+
 def _parse_iso(text: str) -> float:
+    if _NUMBER.fullmatch(text.strip()):
+        raise ValueError(f"{text!r} is a number in quotes; give Unix seconds as a number, or a time like {LIKE}")
+    if _WITHOUT_HOUR.fullmatch(text):
+        raise ValueError(f"{text!r} is a date alone; add the time of day and a zone, as in {LIKE}")
     try:
         # Python 3.10 does not read the Z.
         moment = datetime.fromisoformat(f"{text[:-1]}+00:00" if text.endswith(("Z", "z")) else text)
     except ValueError:
-        try:
-            seconds = float(text)
-        except ValueError:
-            raise ValueError(f"{text!r} is no ISO 8601 time; write it like 2026-03-01T09:00:00Z") from None
-        return parse_time(seconds)
+        raise ValueError(f"{text!r} is no ISO 8601 time; write it like {LIKE}") from None
     if moment.tzinfo is None:
         raise ValueError(f"{text!r} has no time zone; append Z or an offset such as +01:00")
     return parse_time(moment.timestamp())

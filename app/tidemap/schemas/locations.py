@@ -16,11 +16,19 @@ Order = Annotated[int, Field(ge=1, le=64)]
 OrderChoice = Order | Literal["auto"]
 Confidence = Annotated[float, Field(ge=0.5, lt=1)]
 Missing = Literal["mask", "hold"]
+Combine = Literal["latest", "any", "majority"]
 Seconds = Annotated[float, Field(gt=0, le=FARTHEST_S)]
 MAX_INT32 = 2**31 - 1
 """What a database holds in an integer."""
 MinCells = Annotated[int, Field(ge=1, le=MAX_INT32)]
 Metres = Annotated[float, Strict()]
+
+
+COMBINE = (
+    "What several measurements of a cell in one sample make of it: `latest`, the state of the last one; `any`, "
+    "occupied where one of them is; `majority`, occupied where half of them are. It cannot be changed once there are "
+    "observations."
+)
 
 
 def _fixed(_: object) -> None:
@@ -81,7 +89,10 @@ class LocationForm(Form):
     confidence: Confidence = 0.9
     missing: Missing = "mask"
     hold_s: Seconds | None = Field(None, description="How long a state stands at most, for `hold`.")
-    retention: Seconds | None = Field(None, description="Forget history older than this many seconds.")
+    combine: Combine = Field("latest", description=COMBINE)
+    retention: Seconds | None = Field(
+        None, description="Forget what is older than this many seconds by the server's clock; posts of it are dropped."
+    )
     min_cells: MinCells = Field(1, description="Events of fewer neighbouring cells are not reported.")
 
     @model_validator(mode="after")
@@ -116,6 +127,7 @@ class LocationPatch(Form):
     confidence: Confidence | None = None
     missing: Missing | None = None
     hold_s: Seconds | None = None
+    combine: Combine | None = None
     retention: Seconds | None = None
     min_cells: MinCells | None = None
 
@@ -140,6 +152,7 @@ class Location(Answer):
     confidence: float
     missing: Missing
     hold_s: float | None
+    combine: Combine = "latest"
     retention: float | None
     min_cells: int
     created_at: TimeOut

@@ -36,6 +36,7 @@ class Accepted(Answer):
     """The answer to a post, sent after the durable commit."""
 
     accepted: Annotated[int, Field(description="Measurements stored.")]
+    dropped: Annotated[int, Field(description="Measurements older than the location's `retention`: not stored.")] = 0
     duplicate: bool
     first_time: TimeOut | None
     last_time: TimeOut | None
@@ -44,3 +45,9 @@ class Accepted(Answer):
     )
     anomalies_total: Annotated[int, Field(description="How many there are.")] = 0
     revision: int
+
+
+class Deleted(Answer):
+    """The answer to a deletion, sent after the durable commit."""
+
+    deleted: Annotated[int, Field(description="Measurements deleted; of a compacted sample one a cell.")]

@@ -88,7 +88,9 @@ def _log(snapshot: Snapshot, location: LocationRecord, tally: LogTotals) -> Iter
 def _observation(location: LocationRecord, row: Row, where: str, tally: LogTotals) -> Iterator[Wrong]:
     if row.idempotency_key is not None and row.body_hash is None:
         yield where, "it has an idempotency key without the hash of its body"
-    if row.last_time < row.first_time or (location.last_time is None or row.last_time > location.last_time):
+    # What is compacted may have been deleted, or be too old by now.
+    known = row.id <= location.compacted_seq or (location.last_time is not None and row.last_time <= location.last_time)
+    if row.last_time < row.first_time or not known:
         yield where, "its times are not those that the location counted"
     if row.payload is None:
         if row.id > location.compacted_seq:
@@ -128,8 +130,9 @@ def _history(snapshot: Snapshot, location: LocationRecord, tally: LogTotals) -> 
             yield where, f"the location has {location.n_chunks} chunks"
             continue
         yield from _unreadable(where, partial(_match_segment, location, chunk, row, standing))
-    if sum(standing) > location.measurements:
-        yield "history", f"{sum(standing)} measurements stand, but only {location.measurements} were counted"
+    counted = location.measurements - location.deleted
+    if sum(standing) > counted:
+        yield "history", f"{sum(standing)} measurements stand, but only {counted} were counted"
 
 
 def _match_segment(location: LocationRecord, chunk: int, row: Row, standing: list[int]) -> None:
@@ -138,8 +141,9 @@ def _match_segment(location: LocationRecord, chunk: int, row: Row, standing: lis
     history = segment.history.check()
     if history.n_cells != location.chunk_size(chunk):
         raise ValueError(f"it holds {history.n_cells} cells, the chunk has {location.chunk_size(chunk)}")
-    if segment.rank is not None and segment.rank.shape != (history.n_cells, SEGMENT_SAMPLES):
-        raise ValueError("its ranks are not one a cell and sample")
+    for each in (segment.rank, segment.surplus):
+        if each is not None and each.shape != (history.n_cells, SEGMENT_SAMPLES):
+            raise ValueError("its ranks, or its counts, are not one a cell and sample")
     _match_times(location, segment)
     standing.append(int(history.count_observed().sum()))
 

@@ -36,16 +36,34 @@ def compact(ctx: Context, location: LocationRecord, check: Callable[[], None] = 
 
 
 def forget(ctx: Context, location: LocationRecord) -> None:
-    """Drop compacted history that is older than the location's `retention`."""
+    """Drop compacted history that is older than the location's `retention` by the clock."""
     with ctx.store.read() as work:
         location = work.locations.by_id(location.id)
-    if location.retention_s is None or location.last_time is None:
+    if location.retention_s is None or location.first_time is None:
         return
-    before = int(location.base.sample(location.last_time - location.retention_s))
-    if before > span(location)[0]:
-        with ctx.compacting:
-            ctx.store.write(lambda work: work.segments.forget(location, before))
-        ctx.histories.drop(lambda key: isinstance(key, tuple) and key[0] == location.id)
+    before = int(location.base.sample(ctx.clock() - location.retention_s))
+    if before <= span(location)[0]:
+        return
+
+    def drop(work: Work) -> None:
+        work.segments.forget(location, before)
+        work.observations.recount(location, work.segments.times(location))
+
+    with ctx.compacting:
+        ctx.store.write(drop)
+    ctx.histories.drop(lambda key: isinstance(key, tuple) and key[0] == location.id)
+
+
+def forget_everywhere(ctx: Context, check: Callable[[], None] = lambda: None) -> None:
+    """Drop what is older than its location's `retention`, also where nobody posts or updates any more."""
+    with ctx.store.read() as work:
+        locations = work.locations.list()
+    now = ctx.clock()
+    for location in locations:
+        first, retention_s = location.first_time, location.retention_s
+        if first is not None and retention_s is not None and first < now - retention_s:
+            compact(ctx, location, check)
+            forget(ctx, location)
 
 
 def _compact_some(ctx: Context, location_id: int, target: int, check: Callable[[], None]) -> bool:
@@ -59,10 +77,10 @@ def _compact_some(ctx: Context, location_id: int, target: int, check: Callable[[
                 return False
             rows = work.observations.packed(location, ROUND_MEASUREMENTS)
         through = rows[-1].number
-        parts, damaged = _unpack(ctx, location, rows)
+        parts, damaged = unpack(ctx, location, rows)
         del rows
         merged: dict[SegmentKey, bytes] = {}
-        for key, payload in _merge_all(ctx, location, _split(parts)):
+        for key, payload in _merge_all(ctx, location, split(parts)):
             merged[key] = payload
             check()
         ctx.store.write(lambda work: replace_log(work, location, through, merged, damaged))
@@ -86,7 +104,7 @@ def replace_log(
     return True
 
 
-def _unpack(ctx: Context, location: LocationRecord, rows: list[Packed]) -> tuple[list[Measurements], set[int]]:
+def unpack(ctx: Context, location: LocationRecord, rows: list[Packed]) -> tuple[list[Measurements], set[int]]:
     """What can be read of a part of the log, and the numbers of what cannot, which is reported."""
     parts, damaged = [], set()
     # In two large arrays: hundreds of small ones would leave holes in the heap when they go.
@@ -106,7 +124,7 @@ def _unpack(ctx: Context, location: LocationRecord, rows: list[Packed]) -> tuple
     return parts, damaged
 
 
-def _split(parts: list[Measurements]) -> dict[int, list[Part]]:
+def split(parts: list[Measurements]) -> dict[int, list[Part]]:
     """Which part of what was measured at once lies in each chunk; nothing is copied, a log is larger than its rows."""
     found: dict[int, list[Part]] = {}
     for part in map(by_chunk, parts):
@@ -125,16 +143,24 @@ def _merge_all(
         whole = Measurements.concatenate([part.select(slice(first, stop)) for part, first, stop in parts])
         for number, new in by_segment(location, of_chunk(whole, chunk)):
             with ctx.store.read() as work:
-                key, before = _before(ctx, work, location, (chunk, number))
+                key, before = segment_before(ctx, work, location, (chunk, number))
             segment = before or Segment.empty(location.chunk_size(chunk), number)
-            yield key, pack_segment(merge(segment, new, location.base))
+            yield key, pack_segment(merge(segment, new, location.base, location.combine))
 
 
-def _before(ctx: Context, work: Work, location: LocationRecord, key: SegmentKey) -> tuple[SegmentKey, Segment | None]:
+def stored_segment(work: Work, location: LocationRecord, key: SegmentKey) -> Segment | None:
+    """What is stored of a segment, with what was put aside for it. Raises CorruptChunkError."""
+    chunk, number = key
+    return dict(work.segments.of_chunk(location, chunk, number, number)).get(number)
+
+
+def segment_before(
+    ctx: Context, work: Work, location: LocationRecord, key: SegmentKey
+) -> tuple[SegmentKey, Segment | None]:
     """What is stored of a segment, and where; of a damaged one what was put aside for it."""
     chunk, number = key
     try:
-        return key, dict(work.segments.of_chunk(location, chunk, number, number)).get(number)
+        return key, stored_segment(work, location, key)
     except CorruptChunkError as error:
         # Its bytes stay as they are, so that they can be repaired; new data is kept beside them.
         ctx.damage.found(location.id, error)

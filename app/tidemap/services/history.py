@@ -14,6 +14,7 @@ from tidemap.history.history import NEVER, UNOBSERVED, History
 from tidemap.history.measurements import Measurements
 from tidemap.history.segment import SEGMENT_SAMPLES, Segment, merge
 from tidemap.services.context import Context
+from tidemap.settings import YEAR_S
 from tidemap.storage.records import CHUNK_CELLS, LocationRecord
 from tidemap.storage.repositories.observations import Tail
 from tidemap.storage.work import Work
@@ -33,10 +34,38 @@ def span(location: LocationRecord) -> tuple[int, int]:
 
 
 def window(ctx: Context, location: LocationRecord) -> tuple[int, int]:
-    """The part of `span` that is modelled: its latest `max_samples` samples, fewer where a chunk would be too large."""
+    """The part of `span` that is modelled: its latest `max_samples` samples, fewer where a chunk would be too large.
+
+    What was seen before a gap of a year is left out where no more was seen before it than since, as a reading of a
+    clock that was wrong.
+    """
     start, stop = span(location)
     most = min(ctx.settings.max_samples, CHUNK_BITS // min(location.n_cells, CHUNK_CELLS))
-    return max(start, stop - most), stop
+    start = max(start, stop - most)
+    if (stop - start) * location.interval_s <= YEAR_S:
+        return start, stop
+    return max(start, _since_gap(_populated(ctx, location), YEAR_S / location.interval_s) * SEGMENT_SAMPLES), stop
+
+
+def _populated(ctx: Context, location: LocationRecord) -> list[int]:
+    """The segments in which something was seen, ascending."""
+    with ctx.store.read() as work:
+        compacted = work.segments.numbers(location.id)
+        ends = np.array(work.observations.pending_times(location), np.float64).reshape(-1)
+    return sorted({*compacted, *(location.base.sample(ends) // SEGMENT_SAMPLES).tolist()})
+
+
+def _since_gap(numbers: list[int], most: float) -> int:
+    """The first of the segments since the last gap of more than `most` samples with no more of them before than since.
+
+    >>> _since_gap([0, 900, 901], 5000.0), _since_gap([0, 1, 900], 5000.0), _since_gap([], 5000.0)
+    (900, 0, 0)
+    """
+    for i in reversed(range(1, len(numbers))):
+        gap = (numbers[i] - numbers[i - 1] - 1) * SEGMENT_SAMPLES
+        if gap > most and i <= len(numbers) - i:
+            return numbers[i]
+    return numbers[0] if numbers else 0
 
 
 def read_history(ctx: Context, location: LocationRecord, chunk: int, start: int, stop: int) -> History:
@@ -118,7 +147,7 @@ def _stored(ctx: Context, work: Work, location: LocationRecord, chunk: int, star
     first, last = _segments(location, start, stop)
     if last < first:
         return _whole(ctx, work, location, chunk, start, stop)
-    version = (location.compacted_seq, location.observation_seq)
+    version = (location.compacted_seq, location.observation_seq, location.deleted)
     load = partial(_whole, ctx, work, location, chunk, start, stop)
     try:
         return ctx.histories.get((location.id, chunk, first, last), version, load)
@@ -147,10 +176,11 @@ def _assemble(ctx: Context, work: Work, location: LocationRecord, chunk: int, fi
     whole = History.empty(location.chunk_size(chunk), first * SEGMENT_SAMPLES, (last - first + 1) * SEGMENT_SAMPLES)
     new = dict(by_segment(location, _tail(ctx, work, location, chunk)))
     for number, segment in work.segments.of_chunk(location, chunk, first, last):
-        _lay(whole, merge(segment, new.pop(number, NOTHING), location.base))
+        _lay(whole, merge(segment, new.pop(number, NOTHING), location.base, location.combine))
     for number, measured in new.items():
         if first <= number <= last:
-            _lay(whole, merge(Segment.empty(location.chunk_size(chunk), number), measured, location.base))
+            empty = Segment.empty(location.chunk_size(chunk), number)
+            _lay(whole, merge(empty, measured, location.base, location.combine))
     return whole
 
 

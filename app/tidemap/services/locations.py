@@ -18,6 +18,11 @@ class LocationSummary(LocationRecord):
     accuracy: float | None
     open_anomalies: int
 
+    @property
+    def observations(self) -> int:
+        """How many measurements it has."""
+        return self.measurements - self.deleted
+
 
 def create_location(ctx: Context, form: LocationForm) -> LocationSummary:
     """Raises LocationExistsError, InvalidInputError."""
@@ -41,7 +46,7 @@ def create_location(ctx: Context, form: LocationForm) -> LocationSummary:
 def change_location(ctx: Context, name: str, form: LocationPatch) -> LocationSummary:
     """Change what the form names. Raises LocationNotFoundError, LocationExistsError, InvalidInputError."""
     values: dict[str, Any] = form.model_dump(exclude_unset=True)
-    for field in ("name", "time_zone", "estimator", "order", "confidence", "missing", "min_cells"):
+    for field in ("name", "time_zone", "estimator", "order", "confidence", "missing", "combine", "min_cells"):
         if field in values and values[field] is None:
             raise InvalidInputError.at(field, "null is no value here; leave the field out to keep it as it is")
     if values.get("order") == "auto":
@@ -50,12 +55,23 @@ def change_location(ctx: Context, name: str, form: LocationPatch) -> LocationSum
         values["retention_s"] = values.pop("retention")
 
     def change(work: Work) -> None:
+        _refuse_recombining(work.locations.get(name), values.get("combine"))
         record = work.locations.change(name, values)
         if record.missing == "hold" and record.hold_s is None:
             raise InvalidInputError.at("hold_s", "`missing` = 'hold' needs the seconds a state stands at most")
 
     ctx.store.write(change, lambda _: ctx.locations.forget())
     return get_location(ctx, values.get("name", name))
+
+
+def _refuse_recombining(record: LocationRecord, combine: str | None) -> None:
+    """What was combined cannot be taken apart again. Raises InvalidInputError."""
+    if combine not in (None, record.combine) and record.first_time is not None:
+        raise InvalidInputError.at(
+            "combine",
+            f"the observations of this location are combined by {record.combine!r}, which cannot be taken apart again; "
+            "make a new location, or delete its observations first",
+        )
 
 
 def delete_location(ctx: Context, name: str) -> None:

@@ -1,15 +1,21 @@
 """Observe: put posted measurements on the time base, judge them, store them durably, publish them."""
 
 import asyncio
+import math
 from concurrent.futures import Future
 from contextlib import suppress
 from functools import partial
 
+import numpy as np
+
 from tidemap.errors import CorruptChunkError, DomainError, IdempotencyConflictError
 from tidemap.events.messages import EventMessage
 from tidemap.formats import registry
+from tidemap.history.combining import ANY
+from tidemap.history.history import OCCUPIED
 from tidemap.history.measurements import Measurements
 from tidemap.ingest.observation import Target, checked
+from tidemap.schemas.common import FARTHEST_S
 from tidemap.services.context import Context
 from tidemap.services.judge import judge
 from tidemap.services.keys import confirm
@@ -89,16 +95,30 @@ def parsed(ctx: Context, name: str, post: Post) -> tuple[LocationRecord, Measure
     try:
         location = ctx.locations.get(name, partial(find_location, ctx))
         columns = registry.read(post.body, location.kind, location.cells)
-        return location, checked(columns, Target(location.cells, ctx.clock() + ctx.settings.future_s))
+        now, settings = ctx.clock(), ctx.settings
+        earliest = max(now - settings.past_s, -FARTHEST_S)
+        return location, checked(columns, Target(location.cells, earliest, now + settings.future_s))
     except DomainError:
         _refuse(ctx, name, post)
         raise
 
 
 def judged(ctx: Context, post: Post, location: LocationRecord, measurements: Measurements) -> Entry:
-    """What to store of measurements, whatever form they came in: with the events among them."""
-    location, events = _events(ctx, location, measurements)
-    return Entry(location, post, _record(ctx, post, measurements), events)
+    """What to store of measurements, whatever form they came in: with the events among them.
+
+    Those that are older than the location's `retention` are dropped; where all are, nothing is stored.
+    """
+    kept = _retained(ctx, location, measurements)
+    location, events = _events(ctx, location, kept)
+    return Entry(location, post, _record(ctx, post, kept), events, len(measurements) - len(kept))
+
+
+def _retained(ctx: Context, location: LocationRecord, measurements: Measurements) -> Measurements:
+    """What of measurements, in order, is not too old to be kept."""
+    oldest = -math.inf if location.retention_s is None else ctx.clock() - location.retention_s
+    if measurements.time[0] >= oldest:
+        return measurements
+    return measurements.select(slice(int(np.searchsorted(measurements.time, oldest)), None))
 
 
 def _refuse(ctx: Context, name: str, post: Post) -> None:
@@ -122,7 +142,7 @@ def _events(
 
     Without a model nothing is a surprise; that it is damaged does not keep anybody from posting.
     """
-    if not location.revision:
+    if not location.revision or not len(measurements):
         return location, []
     spectrum = held(ctx, location)
     if spectrum is None:
@@ -135,7 +155,12 @@ def _events(
             # Another one took its name meanwhile: this post was for one that is gone, as its storing will find.
             return location, []
         location, spectrum = fit.location, fit.spectrum
-    return location, judge(location, spectrum, measurements)
+    return location, judge(location, spectrum, _telling(location, measurements))
+
+
+def _telling(location: LocationRecord, measurements: Measurements) -> Measurements:
+    """Those that say by themselves what the state of a sample is; for `any` a free one does not."""
+    return measurements if location.combine != ANY else measurements.select(measurements.state == OCCUPIED)
 
 
 def _record(ctx: Context, post: Post, measurements: Measurements) -> ObservationRecord:
@@ -143,8 +168,8 @@ def _record(ctx: Context, post: Post, measurements: Measurements) -> Observation
         received_at=ctx.clock(),
         source=post.source,
         measurements=len(measurements),
-        first_time=float(measurements.time[0]),
-        last_time=float(measurements.time[-1]),
+        first_time=float(measurements.time[0]) if len(measurements) else 0.0,
+        last_time=float(measurements.time[-1]) if len(measurements) else 0.0,
         idempotency_key=post.idempotency_key,
         body_hash=post.body.digest if post.idempotency_key is not None else None,
         payload=pack_measurements(measurements),
@@ -153,7 +178,7 @@ def _record(ctx: Context, post: Post, measurements: Measurements) -> Observation
 
 def _publish(ctx: Context, stored: Observed) -> None:
     """Publish a post in the order of the commits: who resumes behind the last event it heard of has missed none."""
-    if stored.duplicate:
+    if not stored.accepted:
         return
     now = ctx.clock()
     data = {"measurements": stored.accepted, "source": stored.source, "last_time": stored.last_time}

@@ -24,12 +24,13 @@ class Post:
 
 @dataclass(frozen=True, slots=True)
 class Observed:
-    """What became of a post; events carry their ids. A duplicate has no number of its own."""
+    """What became of a post; events carry their ids. A duplicate, or one of nothing, has no number of its own."""
 
     location: str
     source: str | None
     number: int
     accepted: int
+    dropped: int
     duplicate: bool
     first_time: float | None
     last_time: float | None
@@ -39,12 +40,13 @@ class Observed:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entry:
-    """A post that is parsed and judged: what is to be stored of it."""
+    """A post that is parsed and judged: what is to be stored of it; `dropped` measurements are not."""
 
     location: LocationRecord
     post: Post
     record: ObservationRecord
     events: list[AnomalyRecord]
+    dropped: int
 
 
 Outcome = Observed | DomainError
@@ -99,16 +101,21 @@ def _confirmed(work: Work, claim: Claim | None) -> UnauthorizedError | None:
 
 
 def _settled(entry: Entry, known: dict[str, bytes]) -> Outcome | None:
-    """What becomes of a post whose key was used before; None of a new one, whose key is known from now on."""
+    """What becomes of a post whose key was used before, or that has nothing to store.
+
+    None of a new one, whose key is known from now on.
+    """
     key, digest = entry.record.idempotency_key, entry.record.body_hash
-    if key is None or digest is None:
-        return None
-    if key not in known:
+    who = entry.location.name, entry.record.source
+    if key is not None and key in known:
+        if known[key] != digest:
+            return IdempotencyConflictError(key)
+        return Observed(*who, 0, 0, 0, True, None, None, [], entry.location.revision)
+    if not entry.record.measurements:
+        return Observed(*who, 0, 0, entry.dropped, False, None, None, [], entry.location.revision)
+    if key is not None and digest is not None:
         known[key] = digest
-        return None
-    if known[key] != digest:
-        return IdempotencyConflictError(key)
-    return Observed(entry.location.name, entry.record.source, 0, 0, True, None, None, [], entry.location.revision)
+    return None
 
 
 def _with_events(work: Work, numbers: Mapping[Entry, int]) -> Iterable[tuple[Entry, Outcome]]:
@@ -117,5 +124,5 @@ def _with_events(work: Work, numbers: Mapping[Entry, int]) -> Iterable[tuple[Ent
     for entry, number in numbers.items():
         record, location = entry.record, entry.location
         stored = [anomaly_of(location, next(events)) for _ in entry.events]
-        what = (number, record.measurements, False, record.first_time, record.last_time)
+        what = (number, record.measurements, entry.dropped, False, record.first_time, record.last_time)
         yield entry, Observed(location.name, record.source, *what, stored, location.revision)

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from itertools import product
 
 from tidemap.services.context import Context
+from tidemap.storage.work import Work
 
 ROWS = 1000
 """Rows that one transaction deletes at most."""
@@ -33,7 +34,14 @@ def _prune_log(ctx: Context, location_id: int) -> int:
     before = ctx.clock() - ctx.settings.idempotency_s
     with ctx.store.read() as work:
         last = work.observations.prunable(location_id, before, ROWS)
-    return 0 if last is None else ctx.store.write(lambda work: work.observations.prune(location_id, last))
+    if last is None:
+        return 0
+
+    def prune(work: Work) -> int:
+        work.sources.keep(location_id, last)
+        return work.observations.prune(location_id, last)
+
+    return ctx.store.write(prune)
 
 
 def _prune_jobs(ctx: Context, location_id: int) -> int:

@@ -29,7 +29,8 @@ class SeriesView:
 
 @dataclass(frozen=True, slots=True)
 class SeriesQuery:
-    """One cell over [start, stop) every `step` seconds, by default all of its history at every sample."""
+    """One cell over [start, stop) every `step` seconds, by default the part of its history that is modelled, at every
+    sample, or the end of that where an answer may not be so long."""
 
     cell: int = 0
     start: float | None = None
@@ -51,9 +52,10 @@ def series(ctx: Context, name: str, query: SeriesQuery = WHOLE, check: Callable[
     cell = query.cell
     check_cell(location, cell)
     first, last = window(ctx, location)
-    start = float(location.base.time(first)) if query.start is None else query.start
+    step = location.interval_s if query.step is None else query.step
     stop = float(location.base.time(last)) if query.stop is None else query.stop
-    time = _times(ctx, start, stop, location.interval_s if query.step is None else query.step)
+    start = max(float(location.base.time(first)), stop - (ctx.settings.max_points - 1) * step)
+    time = _times(ctx, start if query.start is None else query.start, stop, step)
     probability = np.full(len(time), np.nan, np.float32)
     revision = 0
     if location.revision:

@@ -1,14 +1,17 @@
 """Warming: the kernels compiled, or loaded from the cache on disk, before the first request."""
 
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tidemap.history.combining import ANY, LATEST, MAJORITY
+from tidemap.history.erasing import erase
 from tidemap.history.history import History
 from tidemap.history.measurements import Measurements
-from tidemap.history.segment import Segment, forget, merge
+from tidemap.history.segment import Segment, merge
 from tidemap.history.snapshot import sort_snapshot
 from tidemap.history.timebase import TimeBase
 from tidemap.space.grid import GridGeometry
@@ -42,11 +45,11 @@ def _compact() -> None:
     base = TimeBase(0.0, 60.0)
     once = Measurements(np.zeros(1), np.zeros(1, np.uint32), np.zeros(1, np.uint8))
     twice = Measurements(np.arange(2.0), np.arange(2, dtype=np.uint32), np.zeros(2, np.uint8))
-    for measurements in (once, twice):
-        segment = merge(Segment.empty(2, 0), measurements, base)
+    for measurements, combine in product((once, twice), (LATEST, ANY, MAJORITY)):
+        segment = merge(Segment.empty(2, 0), measurements, base, combine)
         stored = unpack_segment(pack_segment(segment), 0, "a segment")
-        pack_segment(merge(stored, twice, base))
-        pack_segment(forget(stored, 0, base))
+        pack_segment(merge(stored, twice, base, combine))
+        pack_segment(erase(stored, 0.0, 1.0, base)[0])
 
 
 def _fit_and_ask() -> None:

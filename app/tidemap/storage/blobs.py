@@ -145,6 +145,8 @@ def pack_segment(segment: Segment) -> bytes:
     }
     if segment.rank is not None:
         columns["rank"] = narrow(segment.rank)
+    if segment.surplus is not None:
+        columns["surplus"] = narrow(np.where(segment.surplus < 0, -2 * segment.surplus - 1, 2 * segment.surplus))
     # Ranks, which differ from cell to cell, get no smaller by trying harder, and take ten times as long.
     return seal(columns, SMALL if segment.rank is None else QUICK)
 
@@ -158,9 +160,17 @@ def unpack_segment(blob: bytes, number: int, what: str) -> Segment:
     occupied &= observed
     off = columns["time"]
     time = _on_line(off, _locations(seen, sample, max(0, len(off) - LINE)))
-    rank = columns.get("rank")
+    rank, surplus = columns.get("rank"), columns.get("surplus")
     history = History(number * SEGMENT_SAMPLES, SEGMENT_SAMPLES, observed, occupied)
-    return Segment(history, time, None if rank is None else rank.astype(np.uint16))
+    return Segment(
+        history, time, None if rank is None else rank.astype(np.uint16), None if surplus is None else _signed(surplus)
+    )
+
+
+def _signed(folded: NDArray[np.unsignedinteger[Any]]) -> NDArray[np.int32]:
+    """Whole numbers that are stored as 0, -1, 1, -2, … of 0, 1, 2, 3, …"""
+    half = (folded >> 1).astype(np.int32)
+    return np.where(folded & 1, -half - 1, half)
 
 
 def _locations(seen: NDArray[np.uint8], sample: NDArray[Any], n_times: int) -> NDArray[np.int64]:

@@ -35,12 +35,14 @@ class LocationRecord:
     confidence: float
     missing: str
     hold_s: float | None
+    combine: str
     retention_s: float | None
     min_cells: int
     created_at: float
     observation_seq: int
     compacted_seq: int
     measurements: int
+    deleted: int
     first_time: float | None
     last_time: float | None
     revision: int

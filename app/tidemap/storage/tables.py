@@ -32,7 +32,8 @@ def _location_id() -> Column[int]:
 
 
 # One row a location. `observation_seq` numbers its observations in commit order; those up to `compacted_seq` are in
-# `history`, later ones (the log's tail) still carry their payload.
+# `history`, later ones (the log's tail) still carry their payload. `measurements` counts all that were ever posted,
+# `deleted` those of them that were deleted.
 location = Table(
     "location",
     metadata,
@@ -48,12 +49,14 @@ location = Table(
     Column("confidence", Float(53), nullable=False),
     Column("missing", String(8), nullable=False),
     Column("hold_s", Float(53)),
+    Column("combine", String(8), nullable=False, server_default="latest"),
     Column("retention_s", Float(53)),
     Column("min_cells", Integer, nullable=False),
     Column("created_at", Float(53), nullable=False),
     Column("observation_seq", BigInt, nullable=False, default=0),
     Column("compacted_seq", BigInt, nullable=False, default=0),
     Column("measurements", BigInt, nullable=False, default=0),
+    Column("deleted", BigInt, nullable=False, server_default="0"),
     Column("first_time", Float(53)),
     Column("last_time", Float(53)),
     Column("revision", Integer, nullable=False, default=0),
@@ -75,6 +78,16 @@ observation = Table(
     Column("body_hash", LargeBinary),
     Column("payload", LargeBinary),
     Index("ix_observation_idempotency", "location_id", "idempotency_key", unique=True),
+)
+
+# Who measured when, of the log that is pruned: its first and last time by source, '' of robots without a name.
+source = Table(
+    "source",
+    metadata,
+    _location_id(),
+    Column("name", String(128), primary_key=True),
+    Column("first_time", Float(53), nullable=False),
+    Column("last_time", Float(53), nullable=False),
 )
 
 # Cell-major history: one row per chunk of cells and segment of samples.

@@ -11,6 +11,7 @@ from tidemap.storage.repositories.keys import KeyRepository
 from tidemap.storage.repositories.locations import LocationRepository
 from tidemap.storage.repositories.observations import ObservationRepository
 from tidemap.storage.repositories.segments import SegmentRepository
+from tidemap.storage.repositories.sources import SourceRepository
 from tidemap.storage.repositories.spectra import SpectrumRepository
 
 
@@ -20,6 +21,7 @@ class Work:
 
     locations: LocationRepository
     observations: ObservationRepository
+    sources: SourceRepository
     segments: SegmentRepository
     spectra: SpectrumRepository
     anomalies: AnomalyRepository
@@ -33,6 +35,7 @@ class Work:
         return cls(
             LocationRepository(connection),
             ObservationRepository(connection),
+            SourceRepository(connection),
             SegmentRepository(connection),
             SpectrumRepository(connection),
             AnomalyRepository(connection),

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from tidemap.errors import BusyError
 from tidemap.events.messages import EventMessage
 from tidemap.events.subscription import EventFilter, listen
-from tidemap.services.compaction import compact
+from tidemap.services.compaction import compact, forget_everywhere
 from tidemap.services.context import Context
 from tidemap.services.pruning import prune
 from tidemap.storage.records import LocationRecord
@@ -123,6 +123,7 @@ class Compactor:
         now = ctx.clock()
         if now - self._pruned >= PRUNE_EVERY_S:
             self._pruned = now
+            forget_everywhere(ctx, check)
             if pruned := prune(ctx, check):
                 log.info("%d rows of old posts and jobs were pruned", pruned)
 

@@ -27,7 +27,7 @@ def test_a_datetime_without_zone_is_refused() -> None:
         unix_array(np.array(["2026-07-01"], "datetime64[s]"))
 
 
-@pytest.mark.parametrize("bad", [float("nan"), float("inf"), True, "yesterday", None])
+@pytest.mark.parametrize("bad", [float("nan"), float("inf"), True, "yesterday", "2026", "0930", "2026-07-01", None])
 def test_what_is_no_time_is_refused(bad: object) -> None:
     with pytest.raises(ValueError, match=r"time|number"):
         unix(bad)  # type: ignore[arg-type]

@@ -5,7 +5,7 @@ import tracemalloc
 import numpy as np
 
 from tidemap.history.measurements import Measurements
-from tidemap.services.compaction import _split
+from tidemap.services.compaction import split
 from tidemap.storage.records import CHUNK_CELLS
 
 CHUNKS, POSTS = 64, 200
@@ -18,7 +18,7 @@ def test_a_log_is_split_into_chunks_without_arrays_for_every_piece() -> None:
     parts = [Measurements(np.full(CHUNKS, 60.0 * i), cell, np.ones(CHUNKS, np.uint8)) for i in range(POSTS)]
     tracemalloc.start()
     try:
-        pieces = _split(parts)
+        pieces = split(parts)
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()

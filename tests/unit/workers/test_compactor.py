@@ -13,6 +13,7 @@ import pytest
 from sqlalchemy import func, select, update
 
 from tests.support.contexts import (
+    NOW,
     Clock,
     at_work,
     compact_now,
@@ -27,10 +28,11 @@ from tests.support.waiting import WAIT_S, until
 from tidemap.errors import ShuttingDownError
 from tidemap.history.history import UNOBSERVED
 from tidemap.history.segment import merge
+from tidemap.schemas.locations import LocationPatch
 from tidemap.services import compaction
 from tidemap.services.context import Context
 from tidemap.services.jobs import request_update
-from tidemap.services.locations import find_location
+from tidemap.services.locations import change_location, find_location
 from tidemap.services.update import UpdateRequest
 from tidemap.services.update_task import run_task
 from tidemap.storage.records import LocationRecord
@@ -311,7 +313,7 @@ def test_a_check_ends_a_compaction_between_two_segments(ctx: Context) -> None:
 def test_nobody_forgets_what_a_compaction_is_about_to_write_back(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:
     """It has read a segment, retention drops what is in it, and then it is written: all of it would be there again."""
     read, go_on = Event(), Event()
-    before = compaction._before
+    before = compaction.segment_before
 
     def slow(*arguments: Any) -> Any:
         found = before(*arguments)
@@ -319,11 +321,12 @@ def test_nobody_forgets_what_a_compaction_is_about_to_write_back(ctx: Context, m
         assert go_on.wait(WAIT_S)
         return found
 
-    make_location(ctx, "lab", (4, 4), retention=600.0)
-    post_rows(ctx, "lab", [(0.0, 3, 1)])
+    make_location(ctx, "lab", (4, 4))
+    post_rows(ctx, "lab", [(NOW - 6000.0, 3, 1)])
     compact_now(ctx)
-    post_rows(ctx, "lab", [(6000.0, 3, 1)])
-    monkeypatch.setattr(compaction, "_before", slow)
+    post_rows(ctx, "lab", [(NOW, 3, 1)])
+    change_location(ctx, "lab", LocationPatch(retention=600.0))
+    monkeypatch.setattr(compaction, "segment_before", slow)
     location = find_location(ctx, "lab")
     with ThreadPoolExecutor(2) as pool:
         compacting = pool.submit(compact_now, ctx)
@@ -334,5 +337,7 @@ def test_nobody_forgets_what_a_compaction_is_about_to_write_back(ctx: Context, m
         assert not early
         compacting.result(WAIT_S)
         forgetting.result(WAIT_S)
-    states = history_of(ctx, "lab", 0, 0, 101).states()[3]
+    latest = int(location.base.sample(NOW))
+    states = history_of(ctx, "lab", 0, latest - 100, latest + 1).states()[3]
     assert np.flatnonzero(states != UNOBSERVED).tolist() == [100]
+    assert find_location(ctx, "lab").first_time == NOW

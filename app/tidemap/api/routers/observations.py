@@ -1,17 +1,20 @@
 """/locations/{name}/observations"""
 
+from functools import partial
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Query, Request, Response
 
 from tidemap.api.auth import confirming
-from tidemap.api.dependencies import Robot, posted_body
+from tidemap.api.dependencies import Admin, Ctx, Robot, parse_query_time, posted_body
+from tidemap.api.long_questions import answered
 from tidemap.api.parameters import StrictRoute
 from tidemap.api.state import state_of
 from tidemap.api.views.observations import accepted_view
 from tidemap.media_types import ARROW, JSON, NPY
 from tidemap.schemas.common import Text
-from tidemap.schemas.observations import Accepted, GridObservations, StateObservations
+from tidemap.schemas.observations import Accepted, Deleted, GridObservations, StateObservations
+from tidemap.services.deletion import Deletion, delete_observations
 from tidemap.services.keys import Principal
 from tidemap.services.observe import submit
 from tidemap.services.posts import Post
@@ -88,6 +91,28 @@ async def post(
         sent = Post(body, source or _name(robot.principal), idempotency_key, robot.claim)
         result = await confirming(request, robot, submit(state_of(request).ctx, name, sent))
     return Response(accepted_view(result).model_dump_json(), 200 if result.duplicate else 201, media_type=JSON)
+
+
+@router.delete("")
+async def delete(
+    name: str,
+    request: Request,
+    ctx: Ctx,
+    admin: Admin,
+    start: Annotated[str, Query(description="Unix seconds, or ISO 8601 with a zone.")],
+    stop: Annotated[str, Query(description="The same; what was measured at this time stays.")],
+    source: Annotated[
+        Text | None, Query(min_length=1, max_length=128, description="The robot's name; default: of all of them.")
+    ] = None,
+) -> Deleted:
+    """Delete what was measured in [start, stop): all of it or, where something is wrong, nothing.
+
+    Of a source alone what can be told apart: where its measurements are compacted together with those of others, that
+    is refused (422). The model learns of it with its next update.
+    """
+    what = Deletion(parse_query_time("start", start), parse_query_time("stop", stop), source)
+    work = partial(delete_observations, ctx, name, what, by=admin.name)
+    return Deleted(deleted=await answered(request, lambda check: work(check=check)))
 
 
 def _name(robot: Principal) -> str | None:

@@ -15,7 +15,6 @@ def location_view(known: LocationSummary) -> Location:
         "shape": list(known.cells.shape),
         "order": known.order or "auto",
         "retention": known.retention_s,
-        "observations": known.measurements,
     }
     return Location(**(named | own))
 

@@ -10,6 +10,7 @@ def accepted_view(result: Observed) -> Accepted:
     """The answer to a post."""
     return Accepted(
         accepted=result.accepted,
+        dropped=result.dropped,
         duplicate=result.duplicate,
         first_time=result.first_time,
         last_time=result.last_time,

@@ -39,6 +39,7 @@ class Packed:
 
     number: int
     measurements: int
+    source: str | None
     payload: bytes
     what: str
 
@@ -110,7 +111,7 @@ class ObservationRepository:
 
     def _pending(self, location: LocationRecord) -> Generator[Packed]:
         query = (
-            select(observation.c.id, observation.c.measurements, observation.c.payload)
+            select(observation.c.id, observation.c.measurements, observation.c.source, observation.c.payload)
             .where(observation.c.location_id == location.id, observation.c.id > location.compacted_seq)
             .where(observation.c.id <= location.observation_seq)
             .order_by(observation.c.id)
@@ -128,6 +129,28 @@ class ObservationRepository:
         )
         return int(self._connection.execute(query).scalar() or 0)
 
+    def pending_times(self, location: LocationRecord) -> list[tuple[float, float]]:
+        """The first and the last time of every observation that is not compacted yet."""
+        query = (
+            select(observation.c.first_time, observation.c.last_time)
+            .where(observation.c.location_id == location.id, observation.c.id > location.compacted_seq)
+            .where(observation.c.id <= location.observation_seq)
+        )
+        return [(row.first_time, row.last_time) for row in self._connection.execute(query)]
+
+    def recount(self, location: LocationRecord, compacted: tuple[float, float] | None, deleted: int = 0) -> None:
+        """Put right what a location counts: the first and last time of what is `compacted` and pending, and what is
+        `deleted`. Call it in the transaction that took something away, so that nobody posts meanwhile."""
+        mine = location_table.c.id == location.id
+        counted = location_table.c.deleted + deleted
+        self._connection.execute(update(location_table).where(mine).values(deleted=counted))
+        now = self._connection.execute(select(location_table).where(mine)).mappings().one()
+        ends = [*([compacted] if compacted else []), *self.pending_times(LocationRecord.of(now))]
+        first, last = min((first for first, _ in ends), default=None), max((last for _, last in ends), default=None)
+        values = {"first_time": first, "last_time": last}
+        left = {} if ends else {"deleted": location_table.c.measurements}
+        self._connection.execute(update(location_table).where(mine).values(**values, **left))
+
     def waiting(self) -> dict[int, int]:
         """How many measurements are not compacted yet, by location id; those without any are left out."""
         query = (
@@ -141,11 +164,12 @@ class ObservationRepository:
     def settle(self, location: LocationRecord, through: int, damaged: Collection[int] = ()) -> bool:
         """Have the log compacted up to number `through`; damaged observations stay in it.
 
-        False, and nothing done, when somebody else has compacted since `location` was read.
+        False, and nothing done, when somebody else has compacted or deleted since `location` was read.
         """
         claimed = self._connection.execute(
             update(location_table)
             .where(location_table.c.id == location.id, location_table.c.compacted_seq == location.compacted_seq)
+            .where(location_table.c.deleted == location.deleted)
             .values(compacted_seq=through)
         )
         if claimed.rowcount != 1:

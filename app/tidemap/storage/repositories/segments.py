@@ -5,14 +5,16 @@ from contextlib import suppress
 from itertools import groupby
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from sqlalchemy import ColumnElement, Connection, delete, insert, select, update
 
 from tidemap.errors import CorruptChunkError
-from tidemap.history.segment import SEGMENT_SAMPLES, Segment, forget, merge, standing
+from tidemap.history.erasing import forget
+from tidemap.history.segment import SEGMENT_SAMPLES, Segment, join
 from tidemap.storage.blobs import pack_segment, unpack_segment
 from tidemap.storage.records import LocationRecord
 from tidemap.storage.tables import history
-from tidemap.storage.tables import location as location_table
 
 SegmentKey = tuple[int, int]
 """(chunk, segment); chunk -1 - n holds what came in for chunk n while its own segment was damaged."""
@@ -34,8 +36,36 @@ class SegmentRepository:
         for number, found in groupby(rows, key=lambda row: row.segment):
             segment, *asides = [_unpack(location, row) for row in found]
             for aside in asides:
-                segment = merge(segment, standing(aside, location.base), location.base)
+                segment = join(segment, aside, location.base, location.combine)
             yield number, segment
+
+    def numbers(self, location_id: int) -> list[int]:
+        """The numbers of the segments that some chunk has, ascending."""
+        query = select(history.c.segment).where(history.c.location_id == location_id).distinct()
+        return sorted(self._connection.execute(query).scalars())
+
+    def keys(self, location_id: int, first: int, last: int) -> list[SegmentKey]:
+        """Chunk and number of the segments with numbers in [first, last], those put aside among their chunk's."""
+        query = select(history.c.chunk, history.c.segment).where(history.c.location_id == location_id)
+        rows = self._connection.execute(query.where(history.c.segment >= first, history.c.segment <= last))
+        return sorted({(max(row.chunk, -1 - row.chunk), row.segment) for row in rows})
+
+    def times(self, location: LocationRecord) -> tuple[float, float] | None:
+        """The first and the last time that something stands on in what can be read; None where nothing does."""
+        numbers = self.numbers(location.id)
+        first = next(filter(len, (self._times_at(location, number) for number in numbers)), None)
+        last = next(filter(len, (self._times_at(location, number) for number in reversed(numbers))), None)
+        return None if first is None or last is None else (float(first.min()), float(last.max()))
+
+    def _times_at(self, location: LocationRecord, number: int) -> NDArray[np.float64]:
+        """The first and the last time of every chunk's segment of this number, of those that can be read."""
+        ends = [np.empty(0)]
+        query = select(history).where(history.c.location_id == location.id, history.c.segment == number)
+        for row in self._connection.execute(query).all():
+            with suppress(CorruptChunkError):
+                time = _unpack(location, row).time
+                ends.append(time[[0, -1]] if len(time) else time)
+        return np.concatenate(ends)
 
     def put_aside(self, location: LocationRecord, chunk: int, number: int) -> Segment | None:
         """What came in for a segment while it was damaged. Raises CorruptChunkError where that is damaged too."""
@@ -53,7 +83,10 @@ class SegmentRepository:
         return self._connection.execute(query).all()
 
     def put(self, location: LocationRecord, segments: Mapping[SegmentKey, bytes]) -> None:
-        """Store segments, packed, in place of those with their keys and of what was put aside for them."""
+        """Store segments, packed, in place of those with their keys and of what was put aside for them.
+
+        Of one that is empty, b"", nothing is kept.
+        """
         for (chunk, number), payload in segments.items():
             self._put(location.id, chunk, number, payload)
         for chunk, number in self._asides(location):
@@ -72,13 +105,8 @@ class SegmentRepository:
         for chunk in self._connection.execute(chunks).scalars().all():
             with suppress(CorruptChunkError):
                 segment = _unpack(location, self._stored(location, (chunk,), border, border)[0])
-                self._put(location.id, chunk, border, pack_segment(forget(segment, before, location.base)))
-        first = float(location.base.time(before))
-        self._connection.execute(
-            update(location_table)
-            .where(location_table.c.id == location.id, location_table.c.first_time < first)
-            .values(first_time=first)
-        )
+                left = forget(segment, before, location.base)
+                self._put(location.id, chunk, border, pack_segment(left) if len(left.time) else b"")
 
     def _asides(self, location: LocationRecord) -> list[SegmentKey]:
         """Where something is put aside: nowhere, unless something is damaged."""
@@ -88,6 +116,9 @@ class SegmentRepository:
         return [(row.chunk, row.segment) for row in self._connection.execute(query)]
 
     def _put(self, location_id: int, chunk: int, number: int, payload: bytes) -> None:
+        if not payload:
+            self._connection.execute(delete(history).where(*_at(location_id, chunk, number)))
+            return
         stored = self._connection.execute(
             update(history).where(*_at(location_id, chunk, number)).values(payload=payload)
         )

@@ -1,0 +1,142 @@
+"""Deletion: what was measured in some time is taken out of log and history, all of it or nothing."""
+
+import logging
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from tidemap.errors import InvalidInputError, refuse_reversed
+from tidemap.history.erasing import erase
+from tidemap.history.measurements import Measurements
+from tidemap.history.segment import SEGMENT_SAMPLES, Segment, merge
+from tidemap.services.compaction import Part, replace_log, segment_before, split, stored_segment, unpack
+from tidemap.services.context import Context
+from tidemap.services.history import NOTHING, by_segment, of_chunk
+from tidemap.services.locations import find_location
+from tidemap.storage.blobs import pack_segment
+from tidemap.storage.records import LocationRecord
+from tidemap.storage.repositories.segments import SegmentKey
+from tidemap.storage.repositories.sources import UNKNOWN
+from tidemap.storage.work import Work
+
+log = logging.getLogger(__name__)
+EVERY_ROW = 1 << 62
+
+
+@dataclass(frozen=True, slots=True)
+class Deletion:
+    """What is to be deleted: measurements in [start, stop) (Unix s), those of one source or of all of them."""
+
+    start: float
+    stop: float
+    source: str | None = None
+
+    def __post_init__(self) -> None:
+        refuse_reversed(self.start, self.stop)
+
+
+def delete_observations(
+    ctx: Context, name: str, what: Deletion, check: Callable[[], None] = lambda: None, by: str = ""
+) -> int:
+    """Delete measurements; how many that were. Of a compacted sample that is what stands in it, by its time.
+
+    What is posted meanwhile is not deleted. The model learns of it with its next update. `check` is called between two
+    segments; what it raises ends this, and nothing is deleted. A process that ends in the midst of it has deleted all
+    or nothing.
+    Raises LocationNotFoundError, InvalidInputError where the source cannot be told apart, CorruptChunkError, BusyError.
+    """
+    location_id = find_location(ctx, name).id
+    while (deleted := _delete(ctx, location_id, what, check)) is None:
+        pass
+    mine = "everybody" if what.source is None else repr(what.source)
+    log.info(
+        "%d measurements of %s at location %r in [%s, %s) were deleted by %s",
+        *(deleted, mine, name, what.start, what.stop, by or "this process"),
+    )
+    return deleted
+
+
+def _delete(ctx: Context, location_id: int, what: Deletion, check: Callable[[], None]) -> int | None:
+    """One try; None where somebody else has compacted or deleted meanwhile."""
+    with ctx.compacting:
+        with ctx.store.read() as work:
+            location = work.locations.by_id(location_id)
+            rows = work.observations.packed(location, EVERY_ROW)
+            keys = _reached(work, location, what)
+        parts, damaged = unpack(ctx, location, rows)
+        sources = [row.source for row in rows if row.number not in damaged]
+        kept = [_kept(part, source, what) for part, source in zip(parts, sources, strict=True)]
+        deleted = sum(map(len, parts)) - sum(map(len, kept))
+        merged: dict[SegmentKey, bytes] = {}
+        for key, segment, erased in _revised(ctx, location, split([part for part in kept if len(part)]), keys, what):
+            merged[key] = pack_segment(segment) if len(segment.time) else b""
+            deleted += erased
+            check()
+        if not deleted:
+            return 0
+        through = rows[-1].number if rows else location.compacted_seq
+
+        def store(work: Work) -> bool:
+            if not replace_log(work, location, through, merged, damaged):
+                return False
+            work.observations.recount(location, work.segments.times(location), deleted)
+            return True
+
+        return deleted if ctx.store.write(store, lambda _: _let_go(ctx, location_id)) else None
+
+
+def _reached(work: Work, location: LocationRecord, what: Deletion) -> set[SegmentKey]:
+    """The segments that may hold some of it. Raises InvalidInputError where it cannot be told apart in them."""
+    known = work.sources.compacted(location, what.start, what.stop)
+    if what.source is not None:
+        if not known & {what.source, UNKNOWN}:
+            return set()
+        if others := sorted(known - {what.source}):
+            raise _inseparable(what.source, others)
+    first, last = location.base.sample([what.start, what.stop]).tolist()
+    return set(work.segments.keys(location.id, first // SEGMENT_SAMPLES, last // SEGMENT_SAMPLES))
+
+
+def _inseparable(source: str, others: list[str]) -> InvalidInputError:
+    words = {UNKNOWN: "robots that are not known any more", "": "robots without a name"}
+    names = ", ".join(words.get(name, repr(name)) for name in others)
+    return InvalidInputError.at(
+        "source",
+        f"what {source!r} measured between start and stop is compacted together with what was measured by {names}, and "
+        "cannot be told apart any more; choose a time in which it was alone, or leave `source` out to delete all of it",
+    )
+
+
+def _kept(part: Measurements, source: str | None, what: Deletion) -> Measurements:
+    """What is left of an observation of a source."""
+    if what.source not in (None, source):
+        return part
+    gone = (part.time >= what.start) & (part.time < what.stop)
+    return part.select(~gone) if gone.any() else part
+
+
+def _revised(
+    ctx: Context, location: LocationRecord, measured: dict[int, list[Part]], keys: set[SegmentKey], what: Deletion
+) -> Iterator[tuple[SegmentKey, Segment, int]]:
+    """Segments without what is deleted in those with these keys, and with what was measured; how much was erased."""
+    for chunk in sorted({*measured, *(chunk for chunk, _ in keys)}):
+        parts = [part.select(slice(first, stop)) for part, first, stop in measured.get(chunk, [])]
+        new = dict(by_segment(location, of_chunk(Measurements.concatenate(parts), chunk)))
+        for number in sorted({*new, *(number for owner, number in keys if owner == chunk)}):
+            key, before, erased = (chunk, number), None, 0
+            with ctx.store.read() as work:
+                if key in keys:
+                    before = stored_segment(work, location, key)
+                else:
+                    key, before = segment_before(ctx, work, location, key)
+            segment = before or Segment.empty(location.chunk_size(chunk), number)
+            if key in keys:
+                segment, erased = erase(segment, what.start, what.stop, location.base)
+            if erased or number in new:
+                yield key, merge(segment, new.get(number, NOTHING), location.base, location.combine), erased
+
+
+def _let_go(ctx: Context, location_id: int) -> None:
+    """Forget what is held of a history that is not so any more."""
+    ctx.histories.drop(lambda key: isinstance(key, tuple) and key[0] == location_id)
+    ctx.tails.drop(lambda key: key == location_id)
+    ctx.locations.forget()

@@ -1,0 +1,53 @@
+"""The repository of sources: which robots measured at what time, of what the log has compacted or pruned."""
+
+from typing import Any
+
+from sqlalchemy import Connection, case, func, select
+from sqlalchemy.dialects import postgresql, sqlite
+
+from tidemap.storage.records import LocationRecord
+from tidemap.storage.tables import observation, source
+
+UNKNOWN = "*"
+"""The source of what was pruned before sources were kept."""
+_OWN = func.coalesce(observation.c.source, "")
+
+
+class SourceRepository:
+    """Sources by name, '' of robots without one."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+
+    def compacted(self, location: LocationRecord, start: float, stop: float) -> set[str]:
+        """Whose observations, of those that are compacted, may have measurements in [start, stop)."""
+        log = select(_OWN).where(
+            observation.c.location_id == location.id,
+            observation.c.id <= location.compacted_seq,
+            observation.c.first_time < stop,
+            observation.c.last_time >= start,
+        )
+        pruned = select(source.c.name).where(
+            source.c.location_id == location.id, source.c.first_time < stop, source.c.last_time >= start
+        )
+        return {*self._connection.execute(log).scalars(), *self._connection.execute(pruned).scalars()}
+
+    def keep(self, location_id: int, through: int) -> None:
+        """Remember whose observations, up to number `through`, are about to leave the log."""
+        first, last = func.min(observation.c.first_time), func.max(observation.c.last_time)
+        leaving = select(_OWN.label("name"), first.label("first_time"), last.label("last_time")).where(
+            observation.c.location_id == location_id, observation.c.id <= through
+        )
+        for row in self._connection.execute(leaving.group_by(_OWN)).mappings().all():
+            self._connection.execute(_keep(self._connection.dialect.name), {"location_id": location_id, **row})
+
+
+def _keep(dialect: str) -> Any:
+    """Widen the time of a source, or begin it."""
+    new = (postgresql.insert if dialect == "postgresql" else sqlite.insert)(source)
+    before, now = source.c, new.excluded
+    wider = {
+        "first_time": case((now.first_time < before.first_time, now.first_time), else_=before.first_time),
+        "last_time": case((now.last_time > before.last_time, now.last_time), else_=before.last_time),
+    }
+    return new.on_conflict_do_update(index_elements=[source.c.location_id, source.c.name], set_=wider)
