@@ -1,8 +1,10 @@
 """One thing, one word: code, pages and documentation keep to the vocabulary of docs/conventions.md."""
 
+import ast
 import io
 import re
 import tokenize
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -116,6 +118,14 @@ def test_plain_english(path: Path) -> None:
 @pytest.mark.parametrize("page", pages(), ids=name)
 def test_one_word_per_thing_in_prose(page: Path) -> None:
     assert not PROSE.search(page.read_text()), PROSE.search(page.read_text())
+
+
+def test_no_class_name_stands_twice() -> None:
+    ours = [path for path in SOURCES if path.is_relative_to(ROOT / "app") or path.is_relative_to(ROOT / "web")]
+    trees = [ast.parse(path.read_text()) for path in ours]
+    classes = Counter(node.name for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef))
+    assert len(classes) > 200
+    assert [each for each, times in classes.items() if times > 1] == []
 
 
 def test_all_kinds_of_files_are_read() -> None:

@@ -1,9 +1,6 @@
 """Anomalies: list and acknowledge stored events."""
 
-from dataclasses import dataclass
-
-import numpy as np
-from numpy.typing import NDArray
+from dataclasses import dataclass, fields
 
 from tidemap.errors import refuse_reversed
 from tidemap.services.context import Context
@@ -12,27 +9,14 @@ from tidemap.storage.repositories.anomalies import AnomalyFilter
 from tidemap.storage.work import Work
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Anomaly:
-    """An event of a location. `id` is None where it is not stored; `cells` (n,) ascend, and may be the first of
-    `cells_total`; `bbox` is [x0, y0, z0, x1, y1, z1] in metres, None of kind `state`."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Anomaly(AnomalyRecord):
+    """An event with the name of its location. `cells` (n,) ascend, and may be the first of `cells_total`; `bbox` is
+    [x0, y0, z0, x1, y1, z1] in metres, None of kind `state`."""
 
-    id: int | None
     location: str
-    start: float
-    stop: float
-    cells: NDArray[np.int64]
     cells_total: int
     bbox: tuple[float, ...] | None
-    observed: int
-    probability: float
-    surprise: float
-    confidence: float
-    rule: str
-    revision: int
-    acknowledged_by: str | None
-    acknowledged_at: float | None
-    note: str | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,12 +78,9 @@ def _known(ctx: Context, location: LocationRecord, record: AnomalyRecord) -> Ano
 
 def anomaly_of(location: LocationRecord, record: AnomalyRecord) -> Anomaly:
     """An event of a location from its row."""
-    shared = ("start", "stop", "cells", "observed", "probability", "surprise", "confidence", "rule", "revision")
-    people = ("acknowledged_by", "acknowledged_at", "note")
     return Anomaly(
-        id=record.id or None,
+        **{each.name: getattr(record, each.name) for each in fields(record)},
         location=location.name,
         cells_total=len(record.cells),
         bbox=location.grid.bounding_box(record.cells) if location.grid and len(record.cells) else None,
-        **{field: getattr(record, field) for field in (*shared, *people)},
     )

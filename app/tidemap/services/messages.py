@@ -10,11 +10,12 @@ from tidemap.services.context import Context
 from tidemap.services.listing import shortened
 
 TIMES = ("start", "stop", "acknowledged_at")
+HIDDEN = ("location_id", "damage")
 
 
 def anomaly_message(event: Anomaly, now: float) -> EventMessage:
     """The message of a stored event: in it, what the API shows of the event in a list."""
-    return EventMessage("anomaly", event.location, event.id or 0, now, _data(shortened(event)))
+    return EventMessage("anomaly", event.location, event.id, now, _data(shortened(event)))
 
 
 def missed_anomalies(ctx: Context, location: str | None, after: int, limit: int) -> list[EventMessage]:
@@ -27,6 +28,6 @@ def missed_anomalies(ctx: Context, location: str | None, after: int, limit: int)
 
 
 def _data(event: Anomaly) -> dict[str, Any]:
-    values = {each.name: getattr(event, each.name) for each in fields(event)}
+    values = {each.name: getattr(event, each.name) for each in fields(event) if each.name not in HIDDEN}
     times = {name: None if values[name] is None else iso(values[name]) for name in TIMES}
     return values | times | {"cells": event.cells.tolist(), "bbox": event.bbox and list(event.bbox)}

@@ -1,5 +1,7 @@
 """Views: what services return, as it goes over the wire."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from tidemap.services.anomalies import Anomaly
 from tidemap.services.messages import anomaly_message
 
 ACKNOWLEDGED = Anomaly(
+    location_id=2,
     id=7,
     location="lab",
     start=60.0,
@@ -27,8 +30,21 @@ ACKNOWLEDGED = Anomaly(
     note="a cat",
 )
 OF_A_DOOR = Anomaly(
-    8, "door", 0.0, 60.0, np.array([0]), 1, None, 0, 1.0, 1.0, 0.95, "surprise", 1, None, None, None
-)  # fmt: skip
+    location_id=1,
+    id=8,
+    location="door",
+    start=0.0,
+    stop=60.0,
+    cells=np.array([0]),
+    cells_total=1,
+    bbox=None,
+    observed=0,
+    probability=1.0,
+    surprise=1.0,
+    confidence=0.95,
+    rule="surprise",
+    revision=1,
+)
 
 
 def test_an_event_has_all_of_its_cells_and_a_list_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -43,3 +59,7 @@ def test_a_message_says_of_an_event_what_lists_do(event: Anomaly, monkeypatch: p
     message = anomaly_message(event, 1e9)
     assert message.data == listed_view(event).model_dump(mode="json")
     assert (message.kind, message.location, message.id, message.time) == ("anomaly", event.location, event.id, 1e9)
+
+
+def test_an_event_that_is_not_stored_has_no_id() -> None:
+    assert event_view(replace(OF_A_DOOR, id=0)).id is None

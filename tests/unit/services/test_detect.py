@@ -59,7 +59,7 @@ def test_the_events_are_all_that_the_rule_says(
         assert all(any((cell, n, event.observed) in expected for n in minutes) for cell in event.cells)
     assert revision == 1
     assert sum(event.stop - event.start == MINUTE for event in events) > 0
-    assert {(event.id, event.rule, event.confidence) for event in events} == {(None, rule, 0.6)}
+    assert {(event.id, event.rule, event.confidence) for event in events} == {(0, rule, 0.6)}
     assert [event.start for event in events] == sorted(event.start for event in events)
     assert list_events(ctx, EventQuery()) == []
 

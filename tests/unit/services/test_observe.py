@@ -143,7 +143,7 @@ def test_small_groups_are_left_out_where_a_location_says_so(ctx: Context) -> Non
 
 def test_nothing_is_told_before_it_is_durable(ctx: Context) -> None:
     learned_door(ctx)
-    heard: list[tuple[EventMessage, int, list[int | None]]] = []
+    heard: list[tuple[EventMessage, int, list[int]]] = []
 
     def listen(message: EventMessage) -> None:
         events = [event.id for event in list_events(ctx, EventQuery())]

@@ -8,7 +8,8 @@ from tidemap.services.listing import shortened
 def event_view(event: Anomaly) -> Event:
     """An event with all of its cells."""
     named = {name: getattr(event, name) for name in Event.model_fields}
-    return Event(**(named | {"cells": event.cells.tolist(), "bbox": None if event.bbox is None else list(event.bbox)}))
+    box = None if event.bbox is None else list(event.bbox)
+    return Event(**(named | {"id": event.id or None, "cells": event.cells.tolist(), "bbox": box}))
 
 
 def listed_view(event: Anomaly) -> Event:
