@@ -1,4 +1,4 @@
-"""Sheets: what is written again and again is, byte for byte, what would be sent if it were made anew."""
+"""Buffers: what is written again and again is, byte for byte, what would be sent if it were made anew."""
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -33,7 +33,7 @@ def rhythmic_lab(ctx: Context) -> None:
 
 
 def as_sent(ctx: Context, query: StateQuery) -> bytes:
-    """The answer of a sheet, whole."""
+    """The answer of a buffer, whole."""
     lease = buffer_of(ctx, ask(ctx, "lab", query))
     assert lease is not None
     return lease.value.arrow.head(FACTS) + lease.memory.tobytes()
@@ -50,7 +50,7 @@ def made_anew(view: StateView) -> bytes:
 
 
 @pytest.mark.parametrize("how", [{}, {"confidence": 0.55}, {"order": 1}, {"estimator": "static"}])
-def test_a_sheet_is_what_would_be_made_anew(ctx: Context, how: dict[str, Any]) -> None:
+def test_a_buffer_is_what_would_be_made_anew(ctx: Context, how: dict[str, Any]) -> None:
     rhythmic_lab(ctx)
     for n in (1003, 1013, 1003, 4):
         query = StateQuery(60.0 * n, **how)
@@ -74,13 +74,13 @@ def test_only_what_has_waves_is_written_again(ctx: Context) -> None:
     asked = ask(ctx, "lab", StateQuery(60.0 * 1003))
     first = buffer_of(ctx, asked)
     assert first is not None
-    sheet = first.value
+    buffer = first.value
     del first
-    sheet.arrow.columns["probability"][:] = 9
+    buffer.arrow.columns["probability"][:] = 9
     second = buffer_of(ctx, asked)
     assert second is not None
-    assert second.value is sheet
-    assert (sheet.arrow.columns["probability"] == 9).tolist() == [False, False, False, True]
+    assert second.value is buffer
+    assert (buffer.arrow.columns["probability"] == 9).tolist() == [False, False, False, True]
 
 
 def test_once_warm_no_question_compiles_anything(ctx: Context) -> None:
@@ -103,9 +103,9 @@ def test_boxes_and_what_was_seen_are_no_matter_for_sheets(ctx: Context) -> None:
 
 def test_a_map_of_which_nothing_was_seen() -> None:
     nothing = blank(some_spectrum(), 5)
-    sheet = StateBuffer.of(nothing, 0.9)
-    sheet.write(nothing, 0.0, threads=1)
-    with pa.ipc.open_stream(sheet.arrow.head(FACTS) + sheet.memory.tobytes()) as reader:
+    buffer = StateBuffer.of(nothing, 0.9)
+    buffer.write(nothing, 0.0, threads=1)
+    with pa.ipc.open_stream(buffer.arrow.head(FACTS) + buffer.memory.tobytes()) as reader:
         table = reader.read_all()
     assert (table.num_rows, table.column_names) == (0, ["cell", "probability", "state", "verdict"])
 
@@ -115,13 +115,13 @@ def test_waves_of_cells_that_were_never_seen_say_nothing() -> None:
     mean = spectrum.mean.copy()
     mean[[0, 2]] = np.nan
     hidden = replace(spectrum, mean=mean)
-    sheet = StateBuffer.of(hidden, 0.6)
-    sheet.write(hidden, 1e6, threads=1)
+    buffer = StateBuffer.of(hidden, 0.6)
+    buffer.write(hidden, 1e6, threads=1)
     whole = StateBuffer.of(spectrum, 0.6)
     whole.write(spectrum, 1e6, threads=1)
-    assert sheet.arrow.columns["cell"].tolist() == [1, 3]
+    assert buffer.arrow.columns["cell"].tolist() == [1, 3]
     for name in ("probability", "state", "verdict"):
-        np.testing.assert_array_equal(sheet.arrow.columns[name], whole.arrow.columns[name][[1, 3]])
+        np.testing.assert_array_equal(buffer.arrow.columns[name], whole.arrow.columns[name][[1, 3]])
 
 
 def some_spectrum() -> Spectrum:
@@ -140,7 +140,7 @@ def some_spectrum() -> Spectrum:
 
 
 @pytest.mark.parametrize("kept_bytes", [64 * 2**20, 0])
-def test_concurrent_questions_never_share_a_sheet(database_url: str, kept_bytes: int) -> None:
+def test_concurrent_questions_never_share_a_buffer(database_url: str, kept_bytes: int) -> None:
     with opened(database_url, answer_cache_bytes=kept_bytes) as ctx:
         rhythmic_lab(ctx)
         expected = {n: made_anew(state_at(ctx, "lab", StateQuery(60.0 * n))) for n in range(1000, 1020)}
