@@ -16,7 +16,11 @@ from tidemap.schemas.maps import EvaluateForm, PredictForm
 LONG = 5 * PIECE_BYTES
 TIMES = st.one_of(
     st.lists(st.floats(-1e9, 1e9) | st.integers(-(10**9), 10**9), min_size=1, max_size=30),
-    st.lists(st.sampled_from(["2026-03-01T09:00:00Z", "2026-03-01T09:00:00+01:00", "2026-03-01T10:30:00.5Z"]), min_size=1, max_size=30),
+    st.lists(
+        st.sampled_from(["2026-03-01T09:00:00Z", "2026-03-01T09:00:00+01:00", "2026-03-01T10:30:00.5Z"]),
+        min_size=1,
+        max_size=30,
+    ),
     st.lists(st.sampled_from([1.5, "2026-03-01T09:00:00Z"]), min_size=1, max_size=30),
 )
 
