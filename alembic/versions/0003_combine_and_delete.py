@@ -36,6 +36,7 @@ def upgrade() -> None:
             ["location_id"], ["location.id"], name=op.f("fk_source_location_id_location"), ondelete="CASCADE"
         ),
         sa.PrimaryKeyConstraint("location_id", "name", name=op.f("pk_source")),
+        sqlite_with_rowid=False,
     )
     op.execute(UNNAMED)
 

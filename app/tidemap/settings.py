@@ -112,7 +112,12 @@ class Settings(BaseSettings):
     updater_interval_s: float = Field(
         5.0, gt=0, description="How often the updater and the compactor look for what has grown."
     )
-    update_samples: int = Field(48, gt=0, description="Samples a history must span before its first update.")
+    update_samples: int = Field(
+        2,
+        gt=0,
+        description="Measurements of a location from which on it has its first update, however far apart; few make a "
+        "cautious mean.",
+    )
     update_growth: float = Field(
         0.1,
         gt=0,
@@ -127,6 +132,9 @@ class Settings(BaseSettings):
     # Reading and streaming
     history_cache_bytes: int = Field(256 * 2**20, ge=0, description="Memory for unpacked history.")
     spectrum_cache_bytes: int = Field(512 * 2**20, ge=0, description="Memory for spectra.")
+    reading_cache_bytes: int = Field(
+        128 * 2**20, ge=0, description="Memory for what was read last of each cell, 17 bytes a cell."
+    )
     answer_cache_bytes: int = Field(
         64 * 2**20,
         ge=0,

@@ -129,6 +129,21 @@ QUESTIONS = [
     form("/anomalies/1/acknowledge", {"note": "a\0"}, "note", "NUL"),
     form("/anomalies/x/acknowledge", {}, "anomaly_id"),
     *(form(f"/anomalies/{number}/acknowledge", {}, None, "no anomaly", 404) for number in (0, -1, 999, 2**63, 10**40)),
+    # deletion
+    *(
+        ask(f"{DOOR}/observations?{query}", field, says, method="DELETE")
+        for query, field, says in (
+            ("start=0", "stop", ""),
+            ("stop=0", "start", ""),
+            ("start=2026&stop=3000", "start", "reads as a date"),
+            ("start=0&stop=2026-03-01", "stop", "a date alone"),
+            ("start=60&stop=0", "stop", "swap them"),
+            ("start=0&stop=60&source=", "source", ""),
+            ("start=0&stop=60&source=" + "x" * 129, "source", ""),
+            ("start=0&stop=60&robot=spot", "robot", "known are start, stop, source"),
+        )
+    ),
+    ask("/locations/attic/observations?start=0&stop=60", None, "no location", 404, "DELETE"),
     # jobs and keys
     *(
         ask(f"/jobs/{number}", None, "no job", 404, method)
@@ -158,7 +173,7 @@ WRONG_METHODS = [
     ("DELETE", "/locations"),
     ("POST", DOOR),
     ("GET", f"{DOOR}/observations"),
-    ("DELETE", f"{DOOR}/observations"),
+    ("PUT", f"{DOOR}/observations"),
     ("GET", f"{DOOR}/update"),
     ("POST", f"{DOOR}/state"),
     ("GET", f"{DOOR}/predict"),

@@ -235,6 +235,17 @@ def test_patch_and_delete(client: Any, name: str) -> None:
     assert caught.value.status == 404
 
 
+def test_what_was_measured_can_be_deleted(client: Any, name: str) -> None:
+    handle = client.create_location(name, interval_s=60, combine="any")
+    times = START + 60.0 * np.arange(10)
+    for source, later in (("spot", 0.0), ("rover", 3600.0)):
+        handle.observe(times + later, np.ones(10), source=source)
+    assert handle.delete_observations(START, times[5]).deleted == 5
+    assert handle.delete_observations(datetime.fromtimestamp(START, UTC), START + DAY_S, "rover").deleted == 10
+    assert handle.get().observations == 5
+    assert handle.get().combine == "any"
+
+
 def test_anomalies_are_paged_and_acknowledged(client: Any, name: str) -> None:
     handle = door(client, name)
     day = START + 8 * DAY_S

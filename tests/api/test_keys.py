@@ -19,6 +19,7 @@ TABLE: list[tuple[str, str, Any, set[str]]] = [
     ("PATCH", "/locations/door", {"confidence": 0.8}, {"admin"}),
     ("DELETE", "/locations/spare-{role}", None, {"admin"}),
     ("POST", "/locations/door/observations", {"time": [NOW - 60], "state": [1]}, {"robot", "admin"}),
+    ("DELETE", "/locations/door/observations?start=0&stop=60", None, {"admin"}),
     ("POST", "/locations/door/update?wait=30", {}, {"operator", "admin"}),
     ("GET", "/locations/door/state", None, {"operator", "admin"}),
     ("POST", "/locations/door/predict", {"time": [NOW]}, {"operator", "admin"}),
@@ -47,7 +48,7 @@ def locked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Api, dict
         api.location(name="door", estimator="static")
         for role in ROLES:
             api.location(name=f"spare-{role}")
-        api.observe("door", [NOW - HOUR], [0])
+        api.observe("door", [NOW - HOUR * ago for ago in range(1, 21)], [0] * 20)
         api.update("door")
         api.observe("door", [NOW - 10], [1])
         admin = done(api.post("/keys", {"name": "the admin", "role": "admin"}), 201)["key"]

@@ -10,11 +10,14 @@ import pyarrow as pa
 import pytest
 
 from tests.api.house import ARROW, DAY, HOUR, NOW, NPY, Api, done, fortnight, problem
+from tests.support.truth import share
 
-NINE = NOW + 9.5 * HOUR
-"""Monday, half past nine: the door is open."""
+NOON = NOW + 12.5 * HOUR
+"""Monday, half past twelve: the door is open."""
 NIGHT = NOW + 27 * HOUR
 """Three in the morning: it is closed."""
+READ = 14 * 24
+"""How often a door was read in a fortnight."""
 
 
 def table_of(answer: httpx.Response) -> tuple[pa.Table, dict[str, Any]]:
@@ -30,10 +33,12 @@ class TestState:
     """GET /locations/{name}/state"""
 
     def test_every_documented_field(self, api: Api, door: str) -> None:
-        view = done(api.get(f"/locations/{door}/state?time={NINE}"))
-        facts = {key: view[key] for key in ("time", "confidence", "estimator", "order", "revision", "shape", "cell")}
+        view = done(api.get(f"/locations/{door}/state?time={NOON}"))
+        facts = {key: view[key] for key in view if key not in ("probability", "state", "verdict", "unavailable")}
         assert facts == {
-            "time": "2026-03-02T09:30:00Z",
+            "time": "2026-03-02T12:30:00Z",
+            "as_of": "2026-03-02T00:00:00Z",
+            "given": "observations",
             "confidence": 0.75,
             "estimator": "fft",
             "order": 3,
@@ -46,12 +51,12 @@ class TestState:
         assert "observed" not in view
 
     def test_the_time_is_now_unless_said(self, api: Api, door: str) -> None:
-        api.clock.now = NINE
-        assert done(api.get(f"/locations/{door}/state"))["time"] == "2026-03-02T09:30:00Z"
+        api.clock.now = NOON
+        assert done(api.get(f"/locations/{door}/state"))["time"] == "2026-03-02T12:30:00Z"
 
-    @pytest.mark.parametrize("time", [str(NINE), "2026-03-02T09:30:00Z", "2026-03-02T10:30:00%2B01:00"])
+    @pytest.mark.parametrize("time", [str(NOON), "2026-03-02T12:30:00Z", "2026-03-02T13:30:00%2B01:00"])
     def test_times_are_numbers_or_iso(self, api: Api, door: str, time: str) -> None:
-        assert done(api.get(f"/locations/{door}/state?time={time}"))["time"] == "2026-03-02T09:30:00Z"
+        assert done(api.get(f"/locations/{door}/state?time={time}"))["time"] == "2026-03-02T12:30:00Z"
 
     def test_the_verdict_follows_the_confidence(self, api: Api, door: str) -> None:
         for time in np.arange(NOW, NOW + DAY, HOUR):
@@ -65,21 +70,21 @@ class TestState:
 
     @pytest.mark.parametrize("order", [0, 1, 3, 8, 64])
     def test_another_order_can_be_asked_for(self, api: Api, door: str, order: int) -> None:
-        view = done(api.get(f"/locations/{door}/state?time={NINE}&order={order}"))
+        view = done(api.get(f"/locations/{door}/state?time={NOON}&order={order}&given=model"))
         model = done(api.get(f"/locations/{door}/model?order={order}"))
         assert view["order"] == model["order"] == order
-        assert view["probability"][0] == pytest.approx(probability(model, NINE), abs=1e-5)
+        assert view["probability"][0] == pytest.approx(probability(model, NOON), abs=1e-5)
 
     def test_another_estimator_can_be_asked_for(self, api: Api, door: str) -> None:
-        view = done(api.get(f"/locations/{door}/state?time={NINE}&estimator=static"))
+        view = done(api.get(f"/locations/{door}/state?time={NOON}&estimator=static&given=model"))
         assert (view["estimator"], view["order"]) == ("static", 0)
-        assert view["probability"][0] == pytest.approx(8 / 24)
+        assert view["probability"][0] == pytest.approx(share(READ // 3, READ))
 
     def test_cells_that_were_never_seen_are_left_out(self, api: Api, lab: str) -> None:
-        view = done(api.get(f"/locations/{lab}/state?time={NINE}"))
+        view = done(api.get(f"/locations/{lab}/state?time={NOON}&given=model"))
         assert view["shape"] == [4, 3, 2]
         assert view["cell"] == [0, 1, 2]
-        assert view["probability"][:2] == [1, 0]
+        assert view["probability"][:2] == pytest.approx([share(READ, READ), share(0, READ)])
         assert view["verdict"] == ["occupied", "free", "occupied"]
 
     def test_observed_adds_what_was_last_seen_by_then(self, api: Api, door: str) -> None:
@@ -106,19 +111,19 @@ class TestState:
         assert cells("-1e9,-1e9,-1e9,0,0,0") == []
 
     def test_arrow_has_the_same_columns(self, api: Api, lab: str) -> None:
-        for query in (f"time={NINE}", f"time={NINE}&observed=true", f"time={NOW - 15 * DAY}&observed=true"):
+        for query in (f"time={NOON}", f"time={NOON}&observed=true", f"time={NOW - 15 * DAY}&observed=true"):
             view = done(api.get(f"/locations/{lab}/state?{query}"))
             table, facts = table_of(api.get(f"/locations/{lab}/state?{query}", headers={"Accept": ARROW}))
             columns = {name: column.to_pylist() for name, column in zip(table.column_names, table.columns, strict=True)}
             assert {**facts, **{k: pytest.approx(v) if k == "probability" else v for k, v in columns.items()}} == view
 
     def test_npy_is_the_dense_grid(self, api: Api, lab: str) -> None:
-        answer = api.get(f"/locations/{lab}/state?time={NINE}", headers={"Accept": NPY})
+        answer = api.get(f"/locations/{lab}/state?time={NOON}", headers={"Accept": NPY})
         assert answer.headers["content-type"] == NPY
         assert answer.headers["tidemap-revision"] == "1"
         dense = np.load(io.BytesIO(answer.content), allow_pickle=False)
         assert (dense.shape, dense.dtype) == ((4, 3, 2), np.float32)
-        view = done(api.get(f"/locations/{lab}/state?time={NINE}"))
+        view = done(api.get(f"/locations/{lab}/state?time={NOON}"))
         assert dense.ravel()[:3].tolist() == pytest.approx(view["probability"])
         assert np.isnan(dense.ravel()[3:]).all()
         np.save(saved := io.BytesIO(), dense)
@@ -127,7 +132,7 @@ class TestState:
     def test_npy_of_a_box_is_as_large_and_unknown_outside(self, api: Api, lab: str) -> None:
         box, seen = "bbox=10,20,0.5,10.5,20.5,1", "observed=true"
         whole, part, observed = (
-            np.load(io.BytesIO(api.get(f"/locations/{lab}/state?time={NINE}&{how}", headers={"Accept": NPY}).content))
+            np.load(io.BytesIO(api.get(f"/locations/{lab}/state?time={NOON}&{how}", headers={"Accept": NPY}).content))
             for how in ("", box, seen)
         )
         inside = np.zeros((4, 3, 2), np.bool_)
@@ -153,7 +158,7 @@ class TestState:
         name = api.location(estimator="fft", order=3, confidence=0.75)
         api.observe(name, *fortnight())
         api.update(name)
-        asked = f"/locations/{name}/state?time={NINE}"
+        asked = f"/locations/{name}/state?time={NOON}"
         first = api.get(asked)
         etag = first.headers["etag"]
         held = {"If-None-Match": etag}
@@ -165,7 +170,7 @@ class TestState:
             f"{asked}&confidence=0.8",
             f"{asked}&order=1",
             f"{asked}&estimator=static",
-            asked.replace(str(NINE), str(NINE + 1)),
+            asked.replace(str(NOON), str(NOON + 1)),
         ):
             assert api.get(other, headers=held).status_code == 200, other
         assert api.get(asked, headers={**held, "Accept": ARROW}).status_code == 200
@@ -188,29 +193,140 @@ class TestState:
         assert done(api.get(asked, headers=held))["observed"] == [1]
 
 
+class TestGiven:
+    """What was read last, in the answers of `state` and `predict`."""
+
+    @pytest.fixture
+    def noon(self, api: Api) -> str:
+        """A door that is open every day from 8 to 16, but some days closed for hours, and is found closed at eleven."""
+        name = api.location(estimator="fft", order=3, confidence=0.75)
+        time, state = fortnight()
+        day, hour = np.divmod(np.arange(READ), 24)
+        away = (day % 3 == 0) & (hour >= 9 + day % 4) & (hour < 12 + day % 4)
+        api.observe(name, time, state & ~away)
+        api.update(name)
+        api.clock.now = NOW + 11.4 * HOUR
+        api.observe(name, [NOW + 11.2 * HOUR], [0])
+        return name
+
+    def p(self, api: Api, name: str, time: float, **how: Any) -> float:
+        """Of `state`, as `predict` says it, too."""
+        view = done(api.get(f"/locations/{name}/state", params={"time": time, **how}))
+        answer = done(api.post(f"/locations/{name}/predict", {"time": [NIGHT, time], **how}))
+        assert answer["probability"][0][1] == pytest.approx(view["probability"][0], abs=1e-6)
+        assert (answer["as_of"], answer["given"]) == (view["as_of"], view["given"])
+        return float(view["probability"][0])
+
+    def test_what_was_read_just_now_counts_and_less_and_less(self, api: Api, noon: str) -> None:
+        assert self.p(api, noon, NOW + 12 * HOUR, given="model") > 0.8
+        soon, later, next_day = (self.p(api, noon, NOW + hour * HOUR) for hour in (11.3, 13, 36))
+        assert soon < 0.3 < later < self.p(api, noon, NOW + 13 * HOUR, given="model")
+        assert next_day == pytest.approx(self.p(api, noon, NOW + 36 * HOUR, given="model"), abs=0.15)
+
+    def test_before_the_reading_it_is_the_model(self, api: Api, noon: str) -> None:
+        for time in (NOW - 3 * DAY, NOW + 11 * HOUR, NOW + 11.2 * HOUR):
+            model = self.p(api, noon, time, given="model")
+            assert self.p(api, noon, time) == model or time > NOW
+        assert self.p(api, noon, NOW + 11.2 * HOUR, as_of=NOW + 11.2 * HOUR) == self.p(
+            api, noon, NOW + 11.2 * HOUR, given="model"
+        )
+
+    def test_as_of_an_earlier_moment_later_readings_are_not_known(self, api: Api, noon: str) -> None:
+        before = self.p(api, noon, NOW + 12 * HOUR, as_of=NOW + 11.1 * HOUR)
+        after = self.p(api, noon, NOW + 12 * HOUR, as_of=NOW + 11.2 * HOUR)
+        assert after < 0.7 < before
+        text = self.p(api, noon, NOW + 12 * HOUR, as_of="2026-03-02T11:12:00Z")
+        assert text == after
+
+    def test_of_two_readings_in_a_sample_the_one_that_was_known_then_counts(self, api: Api, noon: str) -> None:
+        api.clock.now = NOW + 12 * HOUR
+        before = self.p(api, noon, NOW + 13 * HOUR, as_of=NOW + 11.7 * HOUR)
+        api.observe(noon, [NOW + 11.8 * HOUR], [1])
+        assert self.p(api, noon, NOW + 13 * HOUR) > 0.8
+        # Of a sample the latest reading stands: as of an earlier moment nothing of that sample is known any more.
+        assert self.p(api, noon, NOW + 13 * HOUR, as_of=NOW + 11.7 * HOUR) != before
+        api.observe(noon, [NOW + 10.5 * HOUR], [0])
+        model = self.p(api, noon, NOW + 13 * HOUR, given="model")
+        assert self.p(api, noon, NOW + 13 * HOUR, as_of=NOW + 10.7 * HOUR) < model
+
+    def test_late_data_change_the_answer(self, api: Api, noon: str) -> None:
+        before = self.p(api, noon, NOW + 12 * HOUR)
+        api.observe(noon, [NOW + 10 * HOUR], [1])
+        assert self.p(api, noon, NOW + 12 * HOUR) > before, "it has not been closed for long"
+
+    def test_what_is_held_was_read_as_long_as_it_stands(self, api: Api) -> None:
+        answers = []
+        for how in ({}, {"missing": "hold", "hold_s": DAY}):
+            name = api.location(estimator="static", **how)
+            api.observe(name, *fortnight())
+            api.update(name)
+            api.clock.now = NOW + 2 * HOUR
+            api.observe(name, [NOW + 2 * HOUR], [1])
+            api.clock.now = NOW + 7 * HOUR
+            answers.append(self.p(api, name, NOW + 8.5 * HOUR))
+            api.clock.now = NOW
+        assert answers[1] > answers[0]
+
+    def test_each_cell_has_its_own_reading(self, api: Api, lab: str) -> None:
+        view = done(api.get(f"/locations/{lab}/state?time={NOON}&last_seen=true"))
+        assert view["last_seen"] == [NOW - HOUR] * 3
+        early = done(api.get(f"/locations/{lab}/state?time={NOON}&last_seen=true&as_of={NOW - 20 * DAY}"))
+        assert early["last_seen"] == [None] * 3
+        model = done(api.get(f"/locations/{lab}/state?time={NOON}&given=model"))
+        assert early["probability"] == model["probability"]
+        assert "last_seen" not in model
+
+    def test_arrow_and_npy_say_the_same(self, api: Api, lab: str) -> None:
+        asked = f"/locations/{lab}/state?time={NOON}&last_seen=true"
+        view = done(api.get(asked))
+        table, facts = table_of(api.get(asked, headers={"Accept": ARROW}))
+        assert (facts["as_of"], facts["given"]) == (view["as_of"], view["given"])
+        assert table["probability"].to_pylist() == pytest.approx(view["probability"])
+        assert table["last_seen"].to_pylist() == view["last_seen"]
+        dense = np.load(io.BytesIO(api.get(asked, headers={"Accept": NPY}).content))
+        assert dense.ravel()[:3].tolist() == pytest.approx(view["probability"])
+
+    def test_an_answer_is_sent_again_when_something_was_read(self, api: Api, noon: str) -> None:
+        asked = f"/locations/{noon}/state?time={NOW + 12 * HOUR}"
+        held = {"If-None-Match": api.get(asked).headers["etag"]}
+        api.clock.now += 60
+        assert api.get(asked, headers=held).status_code == 304, "nothing was read meanwhile"
+        assert api.get(f"{asked}&as_of={NOW}", headers=held).status_code == 200
+        api.observe(noon, [api.clock.now], [1])
+        assert api.get(asked, headers=held).status_code == 200
+
+    def test_what_is_no_moment_and_no_choice_is_refused(self, api: Api, door: str) -> None:
+        problem(api.get(f"/locations/{door}/state?as_of=yesterday"), 422)
+        problem(api.get(f"/locations/{door}/state?given=nothing"), 422)
+        problem(api.post(f"/locations/{door}/predict", {"time": [NOW], "as_of": "yesterday"}), 422)
+        problem(api.post(f"/locations/{door}/predict", {"time": [NOW], "given": "nothing"}), 422)
+
+
 class TestPredict:
     """POST /locations/{name}/predict"""
 
     def test_every_documented_field(self, api: Api, lab: str) -> None:
-        form = {"time": [NINE, "2026-03-03T03:00:00Z"], "cell": [2, 0, 5]}
+        form = {"time": [NOON, "2026-03-03T03:00:00Z"], "cell": [2, 0, 5], "given": "model"}
         answer = done(api.post(f"/locations/{lab}/predict", form))
-        assert (answer["time"], answer["cell"], answer["revision"]) == ([NINE, NIGHT], [2, 0, 5], 1)
+        assert (answer["time"], answer["cell"], answer["revision"]) == ([NOON, NIGHT], [2, 0, 5], 1)
         assert np.shape(answer["probability"]) == np.shape(answer["state"]) == np.shape(answer["entropy"]) == (3, 2)
-        assert answer["probability"][1] == [1, 1]
+        assert answer["probability"][1] == pytest.approx([share(READ, READ)] * 2)
+        assert (answer["as_of"], answer["given"]) == ("2026-03-02T00:00:00Z", "model")
         assert answer["state"] == [[1, 0], [1, 1], [None, None]]
         assert answer["probability"][2] == answer["entropy"][2] == [None, None]
-        assert answer["entropy"][1] == [0, 0]
+        assert 0 < answer["entropy"][1][0] < 0.1
 
     def test_it_agrees_with_state(self, api: Api, lab: str) -> None:
-        for how in ({}, {"order": 1}, {"estimator": "static"}, {"confidence": 0.99}):
-            answer = done(api.post(f"/locations/{lab}/predict", {"time": [NINE], "cell": [0, 1, 2], **how}))
-            view = done(api.get(f"/locations/{lab}/state", params={"time": NINE, **how}))
+        early, model = {"as_of": NOW - 2.5 * DAY}, {"given": "model"}
+        for how in ({}, {"order": 1}, {"estimator": "static"}, {"confidence": 0.99}, early, model):
+            answer = done(api.post(f"/locations/{lab}/predict", {"time": [NOON], "cell": [0, 1, 2], **how}))
+            view = done(api.get(f"/locations/{lab}/state", params={"time": NOON, **how}))
             assert [row[0] for row in answer["probability"]] == pytest.approx(view["probability"], abs=1e-6)
             assert [row[0] for row in answer["state"]] == view["state"]
             assert answer["confidence"] == view["confidence"]
 
     def test_all_cells_unless_said(self, api: Api, lab: str) -> None:
-        answer = done(api.post(f"/locations/{lab}/predict", {"time": [NINE]}))
+        answer = done(api.post(f"/locations/{lab}/predict", {"time": [NOON]}))
         assert answer["cell"] == list(range(24))
         assert answer["probability"][3:] == [[None]] * 21
 
@@ -223,7 +339,7 @@ class TestPredict:
 
     def test_cells_outside_are_not_found(self, api: Api, lab: str) -> None:
         for cell in (-1, 24, 2**40):
-            found = problem(api.post(f"/locations/{lab}/predict", {"time": [NINE], "cell": [0, cell]}), 404)
+            found = problem(api.post(f"/locations/{lab}/predict", {"time": [NOON], "cell": [0, cell]}), 404)
             assert "0 to 23" in found["detail"]
 
 
@@ -262,12 +378,13 @@ class TestSeries:
         name = api.location(missing="hold", hold_s=2 * HOUR)
         api.observe(name, [NOW - 6 * HOUR, NOW - HOUR], [1, 0])
         answer = done(api.get(f"/locations/{name}/series"))
-        assert answer["observed"] == [1, 1, 1, None, None, 0]
+        assert answer["observed"] == [1, 1, 1, None, None, 0, 0], "it is held until now"
 
 
 def probability(model: dict[str, Any], time: float) -> float:
-    """p(t) by the formula that the answer documents."""
-    since = time - np.datetime64(model["start"].removesuffix("Z")).astype("datetime64[us]").astype(float) / 1e6
+    """p(t) by the formula that the answer documents: that of the sample that contains t."""
+    sample = time // model["interval_s"] * model["interval_s"]
+    since = sample - np.datetime64(model["start"].removesuffix("Z")).astype("datetime64[us]").astype(float) / 1e6
     waves = (c["amplitude"] * np.cos(2 * np.pi * c["frequency_hz"] * since + c["phase"]) for c in model["components"])
     return float(np.clip(model["mean"] + sum(waves), 0, 1))
 
@@ -289,7 +406,7 @@ class TestModel:
             "revision": 1,
             "selection": None,
         }
-        assert model["mean"] == pytest.approx(8 / 24)
+        assert model["mean"] == pytest.approx(share(READ // 3, READ))
         assert [set(each) for each in model["components"]] == [
             {"amplitude", "phase", "frequency_hz", "period_s", "gate"}
         ] * 3
@@ -348,7 +465,7 @@ class TestModel:
         api.observe(name, [NOW - HOUR], [1])
         api.update(name)
         model = done(api.get(f"/locations/{name}/model"))
-        assert (model["estimator"], model["components"], model["mean"]) == ("static", [], 1)
+        assert (model["estimator"], model["components"], model["mean"]) == ("static", [], share(1, 1))
         assert "history" in model["selection"]["reason"] or "little" in model["selection"]["reason"]
 
     def test_of_a_cell_that_was_never_seen(self, api: Api, lab: str) -> None:

@@ -19,6 +19,7 @@ CONTRACT = {
     ("patch", "/locations/{name}"): {"200"},
     ("delete", "/locations/{name}"): {"204"},
     ("post", "/locations/{name}/observations"): {"200", "201"},
+    ("delete", "/locations/{name}/observations"): {"200"},
     ("post", "/locations/{name}/update"): {"200", "202"},
     ("get", "/jobs"): {"200"},
     ("get", "/jobs/{}"): {"200"},
@@ -40,6 +41,7 @@ CONTRACT = {
 PARAMETERS = {
     ("get", "/locations"): {"limit", "after"},
     ("post", "/locations/{name}/observations"): {"source", "Idempotency-Key"},
+    ("delete", "/locations/{name}/observations"): {"start", "stop", "source"},
     ("post", "/locations/{name}/update"): {"wait"},
     ("get", "/locations/{name}/state"): {"time", "confidence", "order", "estimator", "bbox", "observed"},
     ("get", "/locations/{name}/series"): {"cell", "start", "stop", "step"},

@@ -18,12 +18,13 @@ from tests.api.house import ARROW
 from tests.support.contexts import make_location, opened
 from tests.support.databases import migrate_to_head
 from tests.support.waiting import until
+from tidemap.history.timebase import TimeBase
 from tidemap.server.census import Census
 from tidemap.server.processes import all_in_one
 from tidemap.server.serving import configure
 from tidemap.services.context import Context
 from tidemap.services.locations import find_location
-from tidemap.services.predict import StateQuery, state_at
+from tidemap.services.state import StateQuery, state_at
 from tidemap.spectral.recipe import Recipe
 from tidemap.spectral.spectrum import Spectrum
 from tidemap.storage.records import CHUNK_CELLS, RevisionRecord
@@ -66,6 +67,7 @@ def waving(seed: int, n_cells: int) -> Spectrum:
         cell=cell,
         index=np.zeros((cell.size, 1), np.uint16),
         coefficient=np.full((cell.size, 1), 0.2, np.complex64),
+        base=TimeBase(0.0, 1.0),
     )
 
 
@@ -88,8 +90,8 @@ def asking(port: int, time: float) -> Iterator[socket.socket]:
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 16)
         connection.settimeout(30)
         connection.connect(("127.0.0.1", port))
-        head = f"GET /api/v1/locations/hall/state?time={time} HTTP/1.1\r\nhost: localhost\r\naccept: {ARROW}\r\n"
-        connection.sendall(f"{head}connection: close\r\n\r\n".encode())
+        head = f"GET /api/v1/locations/hall/state?time={time}&given=model HTTP/1.1\r\nhost: localhost\r\n"
+        connection.sendall(f"{head}accept: {ARROW}\r\nconnection: close\r\n\r\n".encode())
         yield connection
 
 
@@ -106,7 +108,7 @@ def checked(ctx: Context, body: bytes, time: float) -> None:
 
 
 def ask(port: int, time: float) -> bytes:
-    path = f"http://127.0.0.1:{port}/api/v1/locations/hall/state?time={time}"
+    path = f"http://127.0.0.1:{port}/api/v1/locations/hall/state?time={time}&given=model"
     return httpx.get(path, headers={"accept": ARROW}, trust_env=False, timeout=60).raise_for_status().content
 
 

@@ -15,8 +15,9 @@ from tidemap.services.detect import DetectQuery, detect
 from tidemap.services.evaluate import EvaluateQuery, evaluate
 from tidemap.services.locations import change_location, delete_location, find_location
 from tidemap.services.model import model_of
-from tidemap.services.predict import PredictQuery, StateQuery, predict_at, state_at
+from tidemap.services.predict import PredictQuery, predict_at
 from tidemap.services.series import SeriesQuery, series
+from tidemap.services.state import StateQuery, state_at
 from tidemap.services.verify import Finding, verify
 from tidemap.storage.tables import anomaly, history, observation, spectrum
 from tidemap.storage.work import Work

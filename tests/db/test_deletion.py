@@ -133,6 +133,27 @@ def test_in_the_history_a_robot_is_known_where_it_was_alone(ctx: Context, clock:
     assert door_of(ctx) == [2] * 6 + [1] * 6
 
 
+def test_robots_that_post_look_by_look_are_told_apart(ctx: Context) -> None:
+    make_location(ctx, "door")
+    for n in range(12):
+        post_states(ctx, "door", [MINUTE * n + n % 2], [n % 2], source=("spot", "rover")[n % 2])
+    compact_now(ctx, "door")
+    assert delete_observations(ctx, "door", Deletion(MINUTE * 2, MINUTE * 8, "rover")) == 3
+    assert door_of(ctx) == [0, 1, 0, 2, 0, 2, 0, 2, 0, 1, 0, 1]
+    shown = get_location(ctx, "door")
+    assert (shown.observations, shown.first_time, shown.last_time) == (9, 0.0, MINUTE * 11 + 1)
+
+
+def test_the_votes_of_robots_are_not_told_apart(ctx: Context) -> None:
+    make_location(ctx, "door", combine="majority")
+    for n in range(12):
+        post_states(ctx, "door", [10.0 * n], [n % 2], source=("spot", "rover")[n % 2])
+    compact_now(ctx, "door")
+    with pytest.raises(InvalidInputError, match="'rover' measured"):
+        delete_observations(ctx, "door", Deletion(0.0, MINUTE * 2, "rover"))
+    assert delete_observations(ctx, "door", Deletion(0.0, MINUTE)) == 1
+
+
 def test_what_was_pruned_before_sources_were_kept_may_be_of_anybody(ctx: Context) -> None:
     at_work(ctx, ("spot", 0, 8))
     compact_now(ctx, "door")

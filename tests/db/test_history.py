@@ -29,8 +29,8 @@ from tidemap.history.timebase import TimeBase
 from tidemap.schemas.locations import LocationPatch
 from tidemap.services.context import Context
 from tidemap.services.deletion import Deletion, delete_observations
-from tidemap.services.history import last_seen
 from tidemap.services.locations import change_location, delete_location, find_location
+from tidemap.services.readings import last_seen
 from tidemap.services.verify import Finding, verify
 from tidemap.storage.engine import open_reader
 from tidemap.storage.records import CHUNK_CELLS

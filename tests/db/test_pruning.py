@@ -13,8 +13,8 @@ from tidemap.services import pruning
 from tidemap.services.context import Context
 from tidemap.services.jobs import cancel_job, claim_job, list_jobs, request_update, run_job
 from tidemap.services.locations import change_location, find_location, get_location
-from tidemap.services.predict import StateQuery, state_at
 from tidemap.services.pruning import KEPT_JOBS, prune
+from tidemap.services.state import StateQuery, state_at
 from tidemap.services.update import UpdateRequest
 from tidemap.services.verify import verify
 from tidemap.settings import DAY_S, WEEK_S

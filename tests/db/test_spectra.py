@@ -10,15 +10,19 @@ from sqlalchemy import func, select, update
 from tests.support.contexts import make_location, post_rows, refit
 from tests.support.rows import VALUES
 from tidemap.errors import CorruptChunkError
+from tidemap.history.timebase import TimeBase
 from tidemap.services.context import Context, Loaded
-from tidemap.services.predict import PredictQuery, StateQuery, predict_at, state_at
+from tidemap.services.predict import PredictQuery, predict_at
 from tidemap.services.spectra import fitted
+from tidemap.services.state import StateQuery, state_at
 from tidemap.spectral.recipe import Recipe
 from tidemap.spectral.spectrum import Spectrum, static
 from tidemap.storage.records import LocationRecord, RevisionRecord
 from tidemap.storage.store import Store
 from tidemap.storage.tables import revision, spectrum
 from tidemap.storage.work import Work
+
+BASE = TimeBase(0.0, 60.0)
 
 
 @pytest.fixture
@@ -48,7 +52,7 @@ def record_of(location: LocationRecord, number: int, **changes: Any) -> Revision
 
 
 def means(value: float) -> Spectrum:
-    return static(np.full(4, value, np.float32), 0.0)
+    return static(np.full(4, value, np.float32), BASE)
 
 
 def put_chunk(location_id: int, number: int, chunk: int, work: Work) -> None:

@@ -12,6 +12,7 @@ from tests.support.contexts import compact_now, make_location, post_rows, post_s
 from tests.support.truth import measurements_of
 from tidemap.errors import DatabaseUnusableError, SchemaVersionError
 from tidemap.history.segment import Segment
+from tidemap.history.timebase import TimeBase
 from tidemap.services.checks import LogTotals
 from tidemap.services.context import Context
 from tidemap.services.jobs import request_update
@@ -29,7 +30,7 @@ LAB = "(SELECT id FROM location WHERE name = 'lab')"
 @pytest.fixture
 def url(ctx: Context) -> str:
     """A database with some of everything: two chunks, compacted and pending posts, events, a job, a key."""
-    make_location(ctx, "lab", (40, 40), min_cells=1)
+    make_location(ctx, "lab", (40, 40), min_cells=1, confidence=0.8)
     post_rows(ctx, "lab", [(60.0 * n, cell, 0) for n in range(4) for cell in (0, 1030)], idempotency_key="a")
     post_rows(ctx, "lab", [(0.0, 3, 0), (30.0, 3, 1)])
     refit(ctx, "lab", estimator="static")
@@ -217,7 +218,7 @@ def planted(url: str, table: str, where: str, payload: bytes) -> list[str]:
         (
             "spectrum",
             "chunk = 1",
-            pack_spectrum(static(np.zeros(9, np.float32), 0.0)),
+            pack_spectrum(static(np.zeros(9, np.float32), TimeBase(0.0, 60.0))),
             "it has 9 cells, the chunk has 576",
         ),
         ("anomaly", "id = 1", pack_cells(np.array([1600])), "its cells are not among the location's 1600"),
@@ -242,7 +243,9 @@ def test_a_segment_that_names_what_it_lacks_is_named(ctx: Context, url: str) -> 
 def test_what_runs_beside_a_server_sees_no_half_of_a_write(ctx: Context, url: str) -> None:
     """An update that was broken off leaves chunks of a revision that nobody sees: that is in order."""
     location = find_location(ctx, "lab")
-    ctx.store.write(lambda work: work.spectra.put_chunk(location.id, 5, 0, static(np.zeros(1024, np.float32), 0.0)))
+    ctx.store.write(
+        lambda work: work.spectra.put_chunk(location.id, 5, 0, static(np.zeros(1024, np.float32), TimeBase(0.0, 60.0)))
+    )
     assert findings(url) == []
 
 

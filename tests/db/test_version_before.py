@@ -13,7 +13,7 @@ from tests.support.contexts import compact_now, opened, refit
 from tidemap.services.anomalies import EventQuery, list_events
 from tidemap.services.checks import LogTotals
 from tidemap.services.jobs import list_jobs
-from tidemap.services.predict import StateQuery, state_at
+from tidemap.services.state import StateQuery, state_at
 from tidemap.services.verify import Finding, verify
 from tidemap.storage.store import prepare_database
 

@@ -188,7 +188,9 @@ def test_a_compaction_is_left_and_goes_on_at_the_next_start(busy: ServerProcess,
             return int(database.execute("SELECT compacted_seq FROM location").fetchone()[0])
 
     # It is compacted from the start on, and no update is due.
-    running = server(database_url=f"sqlite:///{path}", env={"TIDEMAP_VIEWER": "false", "TIDEMAP_UPDATE_SAMPLES": "99"})
+    running = server(
+        database_url=f"sqlite:///{path}", env={"TIDEMAP_VIEWER": "false", "TIDEMAP_UPDATE_SAMPLES": "1000000"}
+    )
     assert running.stop() == 0
     assert compacted() == 0
     running.restart()

@@ -14,6 +14,7 @@ from tidemap.errors import CorruptChunkError
 from tidemap.history.history import History
 from tidemap.history.measurements import Measurements
 from tidemap.history.segment import SEGMENT_SAMPLES, Segment
+from tidemap.history.timebase import TimeBase
 from tidemap.spectral.spectrum import Spectrum
 from tidemap.storage.blobs import (
     pack_cells,
@@ -27,6 +28,7 @@ from tidemap.storage.blobs import (
 )
 from tidemap.storage.codec import VERSION, seal, unseal
 
+BASE = TimeBase(0.0, 60.0)
 quick = settings(max_examples=60)
 DTYPES = st.sampled_from(["u1", "<u2", "<u4", "<i4", "<i8", "<f4", "<f8", "<c8", "?", "S3"])
 COLUMNS = st.dictionaries(
@@ -150,14 +152,16 @@ def spectra(draw: st.DrawFn) -> Spectrum:
         cell=np.array(cell, np.int32),
         index=draw(hnp.arrays(width, (len(cell), order), elements=st.integers(0, max(0, n_waves - 1)))),
         coefficient=draw(hnp.arrays(np.complex64, (len(cell), order))),
+        base=BASE,
     )
 
 
 @quick
 @given(spectra())
 def test_spectra_come_back(spectrum: Spectrum) -> None:
-    found = unpack_spectrum(pack_spectrum(spectrum), "test")
+    found = unpack_spectrum(pack_spectrum(spectrum), "test", BASE)
     assert (found.link, found.origin_s, found.time_zone) == (spectrum.link, spectrum.origin_s, spectrum.time_zone)
+    assert found.base == BASE
     for name in ("frequency_hz", "gate", "mean", "cell", "index", "coefficient"):
         assert bits_of(getattr(found, name)) == bits_of(getattr(spectrum, name)), name
 
@@ -179,6 +183,7 @@ SAMPLE_SPECTRUM = Spectrum(
     np.array([1], np.int32),
     np.zeros((1, 1), np.uint16),
     np.ones((1, 1), np.complex64),
+    BASE,
 )
 BLOBS: dict[str, tuple[bytes, Callable[[bytes], Any]]] = {
     "cells": (pack_cells(np.arange(9)), lambda blob: unpack_cells(blob, "cells of anomaly 7")),
@@ -191,7 +196,10 @@ BLOBS: dict[str, tuple[bytes, Callable[[bytes], Any]]] = {
         lambda blob: unpack_measurements(blob, "observation 7"),
     ),
     "segment": (pack_segment(SAMPLE_SEGMENT), lambda blob: unpack_segment(blob, 0, "history of 'lab', chunk 7")),
-    "spectrum": (pack_spectrum(SAMPLE_SPECTRUM), lambda blob: unpack_spectrum(blob, "spectrum of 'lab', chunk 7")),
+    "spectrum": (
+        pack_spectrum(SAMPLE_SPECTRUM),
+        lambda blob: unpack_spectrum(blob, "spectrum of 'lab', chunk 7", BASE),
+    ),
 }
 every_blob = pytest.mark.parametrize(("blob", "unpack"), BLOBS.values(), ids=BLOBS)
 

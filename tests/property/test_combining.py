@@ -95,7 +95,7 @@ def test_erasing_takes_what_stands_on_those_times(
     start = float(BASE.time(START + low)) + off
     stop = start + 60.0 * length
     segment, truth = merged(rows, combine), truth_of(rows, combine)
-    left, number = erase(segment, start, stop, BASE)
+    left, number = erase(segment, (segment.time >= start) & (segment.time < stop), BASE)
     stays = {key: fact for key, fact in truth.items() if not start <= fact[0] < stop}
     assert facts_of(left) == stays
     assert number == len(truth) - len(stays)

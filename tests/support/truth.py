@@ -35,3 +35,8 @@ def states_of(truth: Truth, cells: range, start: int, stop: int) -> np.ndarray:
         if cell in cells and start <= sample < stop:
             dense[cell - cells.start, sample - start] = state
     return dense
+
+
+def share(occupied: int, observed: int) -> float:
+    """The share of readings that are occupied, half a visit of each state added."""
+    return (occupied + 0.5) / (observed + 1)

@@ -3,7 +3,7 @@
 from typing import Annotated
 
 from fastapi import Depends, Query, Request
-from pydantic import AfterValidator
+from pydantic import AfterValidator, BeforeValidator, WithJsonSchema
 
 from tidemap.api.auth import Admission, require, require_sender
 from tidemap.api.bodies import read_body
@@ -11,7 +11,7 @@ from tidemap.api.budget import Share
 from tidemap.api.state import state_of
 from tidemap.errors import InvalidInputError
 from tidemap.formats.registry import Body
-from tidemap.schemas.common import Text, parse_time_text
+from tidemap.schemas.common import TIME_SCHEMA, Text, parse_time_text
 from tidemap.services.context import Context
 from tidemap.services.keys import Principal
 
@@ -38,11 +38,8 @@ async def posted_body(request: Request, time: str | None, share: Share) -> Body:
 
 def query_time(name: str, value: str | None) -> float | None:
     """Unix seconds of a query parameter. Raises InvalidInputError naming it."""
-    return None if value is None else parse_query_time(name, value)
-
-
-def parse_query_time(name: str, value: str) -> float:
-    """Unix seconds of a query parameter that is there. Raises InvalidInputError naming it."""
+    if value is None:
+        return None
     try:
         return parse_time_text(value)
     except ValueError as error:
@@ -71,5 +68,6 @@ Asker = Annotated[Admission, Depends(require_sender("operator"))]
 Operator = Annotated[Principal, Depends(require("operator"))]
 Admin = Annotated[Principal, Depends(require("admin"))]
 TimeQuery = Annotated[str | None, Query(description="Unix seconds, or ISO 8601 with a zone.")]
+RequiredTime = Annotated[float, BeforeValidator(parse_time_text), WithJsonSchema(TIME_SCHEMA)]
 Limit = Annotated[int, Query(ge=1, le=1000)]
 After = Annotated[Text | None, Query(description="The `next` of the page before.")]

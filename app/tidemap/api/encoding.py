@@ -18,8 +18,9 @@ from tidemap.history.history import UNOBSERVED
 from tidemap.media_types import ARROW, JSON, NPY
 from tidemap.schemas.common import iso
 from tidemap.services.buffer_pool import BufferLease
-from tidemap.services.predict import PredictionView, StateFacts, StateView
+from tidemap.services.predict import PredictionView
 from tidemap.services.series import SeriesView
+from tidemap.services.state import StateFacts, StateView
 from tidemap.services.state_buffer import StateBuffer
 from tidemap.spectral.prediction import VERDICTS
 
@@ -79,6 +80,8 @@ def encode_state(view: StateView, media_type: str) -> Response:
 def _state_facts(view: StateFacts) -> dict[str, Any]:
     return {
         "time": iso(view.time),
+        "as_of": iso(view.as_of),
+        "given": view.given,
         "confidence": view.confidence,
         "estimator": view.estimator,
         "order": view.order,
@@ -98,6 +101,8 @@ def _state_columns(view: StateView) -> dict[str, Column]:
     if view.observed is not None and view.observed_time is not None:
         columns["observed"] = _states(view.observed)
         columns["observed_time"] = Nullable(view.observed_time, np.isnan(view.observed_time))
+    if view.last_seen is not None:
+        columns["last_seen"] = Nullable(view.last_seen, np.isnan(view.last_seen))
     return columns
 
 
@@ -114,6 +119,8 @@ def encode_prediction(view: PredictionView) -> Response:
         "probability": view.probability,
         "state": _states(view.state),
         "entropy": view.entropy,
+        "as_of": iso(view.as_of),
+        "given": view.given,
         "revision": view.revision,
         "unavailable": view.unavailable,
     }

@@ -5,7 +5,7 @@ from typing import Any, Generic, TypeAlias, TypeVar
 
 from tidemap.client.operation import Resource, operation, paged
 from tidemap.client.plans import F, Listing, Plan, Request, ask
-from tidemap.client.requests import given, post
+from tidemap.client.requests import post, present
 from tidemap.client.times import TimeLike
 from tidemap.schemas.anomalies import Event
 from tidemap.schemas.common import Page
@@ -32,7 +32,7 @@ class AnomalyOperations(Resource):
         limit: int | None = None,
     ) -> Listing[Event]:
         """Stored anomalies, oldest first, over all pages of `limit`; `after` resumes behind an event's id."""
-        query = given(
+        query = present(
             after=after,
             start=start,
             stop=stop,
@@ -74,7 +74,7 @@ class ClientOperations(AnomalyOperations, Generic[Handle]):
         `interval_s` is the length of a sample in seconds, `time_zone` an IANA name, `grid` the cells of the
         kinds grid2d and grid3d: frame, origin (metres), resolution_m and shape.
         """
-        form = given(
+        form = present(
             name=name,
             kind=kind,
             interval_s=interval_s,
@@ -106,7 +106,7 @@ class ClientOperations(AnomalyOperations, Generic[Handle]):
     @operation
     def acknowledge(self, anomaly_id: int, note: str | None = None) -> Plan[Event]:
         """Say that an operator has seen an anomaly."""
-        return (yield from ask(Event, post(f"{self.path}/anomalies/{anomaly_id}/acknowledge", given(note=note))))
+        return (yield from ask(Event, post(f"{self.path}/anomalies/{anomaly_id}/acknowledge", present(note=note))))
 
 
 class Entries(Resource, Generic[F]):

@@ -15,13 +15,15 @@ from tidemap.schemas.common import parse_time
 UNKNOWN = -1
 """In integer arrays: never observed, or not observed then."""
 
-Column: TypeAlias = Literal["probability", "state", "observed", "observed_time"]
+Column: TypeAlias = Literal["probability", "state", "observed", "observed_time", "last_seen"]
+Given: TypeAlias = Literal["observations", "model"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prediction:
     """time (n_times,) Unix seconds; cell (n_cells,); the others (n_cells, n_times).
 
+    `given` "observations" uses what was read of each cell at or before `as_of`, "model" is the rhythm alone.
     A cell never observed has probability and entropy NaN and state -1. So do those that are `unavailable`: (m, 2)
     ranges [first, stop) of cells whose stored state is damaged, none when all is well at the server.
     """
@@ -34,6 +36,8 @@ class Prediction:
     confidence: float
     revision: int
     unavailable: NDArray[np.int64]
+    as_of: float
+    given: Given
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,10 +57,14 @@ class State:
     """The map at `time` (Unix seconds), for the cells ever observed: arrays (n,), cell linear in C order.
 
     `unavailable` (m, 2) are ranges [first, stop) of cells that are missing because their stored state is damaged.
-    `observed` (-1: not yet observed then) and `observed_time` (NaN) are None unless they were asked for.
+    `given` "observations" uses what was read of each cell at or before `as_of`, "model" is the rhythm alone.
+    `observed` (-1: not yet observed then), `observed_time` (NaN) and `last_seen` (NaN), the time of the reading that
+    was used, are None unless they were asked for.
     """
 
     time: float
+    as_of: float
+    given: Given
     confidence: float
     estimator: str
     order: int
@@ -69,6 +77,7 @@ class State:
     unavailable: NDArray[np.int64]
     observed: NDArray[np.int8] | None = None
     observed_time: NDArray[np.float64] | None = None
+    last_seen: NDArray[np.float64] | None = None
 
     def dense(self, column: Column = "probability") -> NDArray[Any]:
         """A column as a grid of `shape`; NaN (integers: -1) where a cell was never observed.
@@ -77,7 +86,7 @@ class State:
         """
         values = getattr(self, column)
         if values is None:
-            raise ValueError(f"{column} was not asked for; call state(observed=True)")
+            raise ValueError(f"{column} was not asked for; call state(observed=True, last_seen=True)")
         unknown = UNKNOWN if values.dtype.kind == "i" else np.nan
         grid = np.full(int(np.prod(self.shape)), unknown, values.dtype)
         grid[self.cell] = values
@@ -97,6 +106,8 @@ def prediction(content: bytes) -> Prediction:
         said["confidence"],
         said["revision"],
         _ranges(said["unavailable"]),
+        parse_time(said["as_of"]),
+        said["given"],
     )
 
 
@@ -121,6 +132,8 @@ def state(content: bytes, media_type: str) -> State:
 def _state(said: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> State:
     return State(
         time=parse_time(said["time"]),
+        as_of=parse_time(said["as_of"]),
+        given=said["given"],
         confidence=said["confidence"],
         estimator=said["estimator"],
         order=said["order"],
@@ -133,13 +146,14 @@ def _state(said: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> Stat
         unavailable=_ranges(said["unavailable"]),
         observed=_numbers(columns["observed"], np.int8) if "observed" in columns else None,
         observed_time=_numbers(columns["observed_time"], np.float64) if "observed_time" in columns else None,
+        last_seen=_numbers(columns["last_seen"], np.float64) if "last_seen" in columns else None,
     )
 
 
 def _json_columns(content: bytes) -> tuple[Any, dict[str, NDArray[Any]]]:
     """The document, and its columns with NaN for null."""
     said = json.loads(content)
-    numbers = ("cell", "probability", "state", "observed", "observed_time")
+    numbers = ("cell", "probability", "state", "observed", "observed_time", "last_seen")
     columns = {name: np.array(said[name], np.float64) for name in numbers if said.get(name) is not None}
     return said, columns | {"verdict": np.array(said["verdict"], np.str_)}
 

@@ -12,7 +12,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketExce
 
 from tidemap.client.address import address
 from tidemap.client.errors import TidemapError, UnreachableError, problem
-from tidemap.client.requests import given
+from tidemap.client.requests import present
 from tidemap.client.retry import REFUSED, RetryPolicy
 from tidemap.client.transport import Server
 from tidemap.schemas.common import parse_time
@@ -52,7 +52,7 @@ class Feed:
     ) -> None:
         self._url = server.base.replace("http", "ws", 1)
         self._headers = server.headers
-        self._query = given(location=location, kind=kind, after=after)
+        self._query = present(location=location, kind=kind, after=after)
         self._retry = retry
         self._clock = clock
         self._since = -math.inf

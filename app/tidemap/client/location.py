@@ -12,7 +12,7 @@ from tidemap.client.encoding import Numbers
 from tidemap.client.operation import operation, posting
 from tidemap.client.plans import Plan, Request, ask
 from tidemap.client.posting import Postable, observation, sighting, whole
-from tidemap.client.requests import given, name_of, path_of, post, send
+from tidemap.client.requests import name_of, path_of, post, present, send
 from tidemap.client.times import TimeLike, TimesLike, unix, unix_array
 from tidemap.client.waiting import ended, until, wait_s
 from tidemap.media_types import ARROW, JSON
@@ -46,7 +46,7 @@ class LocationOperations(AnomalyOperations):
     @operation
     def delete_observations(self, start: TimeLike, stop: TimeLike, source: str | None = None) -> Plan[Deleted]:
         """Delete what was measured in [start, stop), by one robot or by all of them (role admin)."""
-        query = given(start=start, stop=stop, source=source)
+        query = present(start=start, stop=stop, source=source)
         return ask(Deleted, Request("DELETE", f"{self.path}/observations", query, repeatable=False))
 
     @operation
@@ -112,7 +112,7 @@ class LocationOperations(AnomalyOperations):
         job's `state`: it may have failed.
         """
         deadline = until(wait)
-        form = given(start=start, stop=stop, estimator=estimator, order=order)
+        form = present(start=start, stop=stop, estimator=estimator, order=order)
         asked_s = wait_s(deadline)
         request = post(f"{self.path}/update", form, {"wait": asked_s})
         job = yield from ask(Job, replace(request, waits_s=asked_s))
@@ -127,10 +127,16 @@ class LocationOperations(AnomalyOperations):
         confidence: float | None = None,
         order: int | None = None,
         estimator: EstimatorName | None = None,
+        as_of: TimeLike | None = None,
+        given: answers.Given = "observations",
     ) -> Plan[answers.Prediction]:
-        """Probability, state and entropy of cells (all of them, if none are named) at times."""
+        """Probability, state and entropy of cells (all of them, if none are named) at times.
+
+        `as_of` and `given` are as of `state`.
+        """
         cells = None if cell is None else np.atleast_1d(np.asarray(cell)).tolist()
-        form = given(cell=cells, confidence=confidence, order=order, estimator=estimator)
+        asked = {"confidence": confidence, "order": order, "estimator": estimator, "as_of": as_of, "given": given}
+        form = present(cell=cells, **asked)
         response = yield post(f"{self.path}/predict", {"time": unix_array(time).tolist()} | form)
         return answers.prediction(response.content)
 
@@ -144,18 +150,26 @@ class LocationOperations(AnomalyOperations):
         estimator: EstimatorName | None = None,
         bbox: tuple[float, float, float, float, float, float] | None = None,
         observed: bool = False,
+        as_of: TimeLike | None = None,
+        given: answers.Given = "observations",
+        last_seen: bool = False,
     ) -> Plan[answers.State]:
         """The map at a time (now, if none is given), or its part in bbox [x0,y0,z0,x1,y1,z1] (metres).
 
-        `observed` adds what was last seen of each cell at that time.
+        Where the time is later than a cell's latest reading at or before `as_of` (now, if none is given), the answer is
+        conditioned on that reading; `given` "model" is the rhythm alone. `observed` adds what was last seen of each
+        cell at that time, `last_seen` when the reading that was used was made.
         """
-        query = given(
+        query = present(
             time=None if time is None else unix(time),
             confidence=confidence,
             order=order,
             estimator=estimator,
             bbox=None if bbox is None else ",".join(map(str, bbox)),
             observed=observed or None,
+            as_of=as_of,
+            given=given,
+            last_seen=last_seen or None,
         )
         response = yield Request("GET", f"{self.path}/state", query, headers={"Accept": JSON if pa is None else ARROW})
         return answers.state(response.content, response.headers["Content-Type"])
@@ -169,14 +183,14 @@ class LocationOperations(AnomalyOperations):
         step: float | None = None,
     ) -> Plan[answers.Series]:
         """One cell's observations and probability in [start, stop), every `step` seconds."""
-        query = given(cell=cell, start=start, stop=stop, step=step)
+        query = present(cell=cell, start=start, stop=stop, step=step)
         response = yield Request("GET", f"{self.path}/series", query)
         return answers.series(response.content)
 
     @operation
     def model(self, cell: int = 0, order: int | None = None) -> Plan[Model]:
         """Spectrum and outliers of one cell; `order` recomputes them at another order without storing."""
-        return ask(Model, Request("GET", f"{self.path}/model", given(cell=cell, order=order)))
+        return ask(Model, Request("GET", f"{self.path}/model", present(cell=cell, order=order)))
 
     @operation
     def evaluate(
@@ -193,7 +207,7 @@ class LocationOperations(AnomalyOperations):
         train_stop: TimeLike | None = None,
     ) -> Plan[Evaluation]:
         """Score estimators and orders against the history in [start, stop), or against measurements given."""
-        form = given(
+        form = present(
             orders=list(orders),
             start=start,
             stop=stop,
@@ -218,5 +232,5 @@ class LocationOperations(AnomalyOperations):
         estimator: EstimatorName | None = None,
     ) -> Plan[Events]:
         """Anomalies computed over the history in [start, stop); nothing is stored."""
-        form = given(start=start, stop=stop, confidence=confidence, rule=rule, order=order, estimator=estimator)
+        form = present(start=start, stop=stop, confidence=confidence, rule=rule, order=order, estimator=estimator)
         return (yield from ask(Events, post(f"{self.path}/anomalies/detect", form)))

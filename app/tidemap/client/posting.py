@@ -20,7 +20,7 @@ from tidemap.client.encoding import (
     tristate,
 )
 from tidemap.client.plans import Plan, Request, Scalar, ask
-from tidemap.client.requests import given
+from tidemap.client.requests import present
 from tidemap.client.times import TimeLike, TimesLike, unix
 from tidemap.media_types import JSON, NPY
 from tidemap.schemas.observations import Accepted
@@ -79,7 +79,7 @@ class GridPost:
 
     def batches(self) -> Iterator[Batch]:
         """One, for the array must be whole: the server compares its shape."""
-        query = given(source=self.source, time=self.time)
+        query = present(source=self.source, time=self.time)
         yield Batch(self.path, query, NPY, npy.write(self.states), self.key, int(np.count_nonzero(self.states >= 0)))
 
     def plan(self) -> Plan[Accepted]:
@@ -107,7 +107,7 @@ class TablePost:
         for i, part in enumerate(parts):
             key = f"{self.key}-{i}" if len(parts) > 1 else self.key
             content_type, content = table(part) if self.rows is None else (JSON, looks(part, self.rows))
-            yield Batch(self.path, given(source=self.source), content_type, content, key, len(part))
+            yield Batch(self.path, present(source=self.source), content_type, content, key, len(part))
 
     def plan(self) -> Plan[Accepted]:
         """Post the batches one after the other. It never reads the location, which a robot's key may not."""

@@ -10,10 +10,12 @@ from tidemap.client.times import unix
 from tidemap.media_types import JSON
 
 
-def given(**parameters: Any) -> dict[str, Any]:
-    """The parameters that are not None, those named start, stop and epoch in Unix seconds."""
+def present(**parameters: Any) -> dict[str, Any]:
+    """The parameters that are not None, those named start, stop, epoch and as_of in Unix seconds."""
     chosen = {name: value for name, value in parameters.items() if value is not None}
-    return {name: unix(value) if name in {"start", "stop", "epoch"} else value for name, value in chosen.items()}
+    return {
+        name: unix(value) if name in {"start", "stop", "epoch", "as_of"} else value for name, value in chosen.items()
+    }
 
 
 def post(

@@ -1,6 +1,4 @@
-"""Erasing: a segment without what was measured in some time."""
-
-import math
+"""Erasing: a segment without what was measured at some times."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +9,12 @@ from tidemap.history.segment import Segment
 from tidemap.history.timebase import TimeBase
 
 
-def erase(segment: Segment, start: float, stop: float, base: TimeBase) -> tuple[Segment, int]:
-    """The segment without the measurements that stand on a time in [start, stop) (Unix s), and how many those were.
+def erase(segment: Segment, gone: NDArray[np.bool_], base: TimeBase) -> tuple[Segment, int]:
+    """The segment without the measurements on those of its times that are `gone` (n_times,), and how many those were.
 
-    What one of them stood for in the place of others in its sample goes with it.
+    Others of their samples, in whose place they stand, go with them.
     O(times), and where some of them stay and some go + n_cells x n_samples.
     """
-    gone = (segment.time >= start) & (segment.time < stop)
     if not gone.any():
         return segment, 0
     history = segment.history
@@ -30,7 +27,7 @@ def erase(segment: Segment, start: float, stop: float, base: TimeBase) -> tuple[
 
 def forget(segment: Segment, before: int, base: TimeBase) -> Segment:
     """The segment without what was measured before sample `before`."""
-    return erase(segment, -math.inf, float(base.time(before)), base)[0]
+    return erase(segment, segment.time < base.time(before), base)[0]
 
 
 def _without(segment: Segment, gone: NDArray[np.bool_], base: TimeBase) -> Segment:

@@ -156,6 +156,13 @@ class History:
         one = History(self.start, self.n_samples, self.observed[cell : cell + 1], self.occupied[cell : cell + 1])
         return np.asarray(one.window(start, stop).states()[0], np.uint8)
 
+    def seen(self) -> NDArray[np.int64]:
+        """The samples in which any cell was observed, ascending."""
+        if not self.n_cells:
+            return np.zeros(0, np.int64)
+        plane = np.bitwise_or.reduce(self.observed, axis=0)
+        return self.start + np.flatnonzero(np.unpackbits(plane, count=self.n_samples, bitorder="little"))
+
     def ever_observed(self) -> NDArray[np.bool_]:
         """(n_cells,) whether any sample was observed."""
         found = np.zeros(self.n_cells, np.bool_)

@@ -48,20 +48,20 @@ def merge(segment: Segment, measurements: Measurements, base: TimeBase, combine:
     O(measurements + bytes of the segment), and where a sample holds several times, or for `majority`, + n_cells x the
     samples from the first to the last that is measured: robots mostly see the latest.
     """
-    return _merge(segment, measurements, votes_of(measurements.state), base, combine)
+    return _merge(segment, measurements, None, base, combine)
 
 
 def join(segment: Segment, other: Segment, base: TimeBase, combine: str = LATEST) -> Segment:
     """The segment with all that is in another one of the same samples, as if all of it had been merged."""
     measurements = standing(other, base)
-    votes = votes_of(measurements.state)
+    votes = None
     if other.surplus is not None:
-        votes += other.surplus[other.history.states() != UNOBSERVED]
+        votes = votes_of(measurements.state) + other.surplus[other.history.states() != UNOBSERVED]
     return _merge(segment, measurements, votes, base, combine)
 
 
 def _merge(
-    segment: Segment, measurements: Measurements, votes: NDArray[np.int32], base: TimeBase, combine: str
+    segment: Segment, measurements: Measurements, votes: NDArray[np.int32] | None, base: TimeBase, combine: str
 ) -> Segment:
     if not len(measurements):
         return segment
@@ -119,7 +119,7 @@ def _planes(segment: Segment) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
 def _merge_part(
     segment: Segment,
     measurements: Measurements,
-    votes: NDArray[np.int32],
+    votes: NDArray[np.int32] | None,
     sample: NDArray[np.int64],
     base: TimeBase,
     combine: str,
@@ -139,6 +139,7 @@ def _merge_part(
     rank, surplus = _ranks(segment, table, first, base), None
     if combine == MAJORITY:
         surplus = np.zeros(rank.shape, np.int32) if segment.surplus is None else segment.surplus
+        votes = votes_of(measurements.state) if votes is None else votes
         put_votes(observed, occupied, surplus, rank, cell, sample, entry, votes)
     else:
         put_ranked(observed, occupied, rank, cell, sample, entry, measurements.state, *KEYS[combine])
@@ -153,6 +154,17 @@ def standing(segment: Segment, base: TimeBase) -> Measurements:
     if segment.rank is not None:
         entry = entry + segment.rank[cell, sample]
     return Measurements(segment.time[entry], cell.astype(np.uint32), history.states()[cell, sample])
+
+
+def times_at(segment: Segment, sample: int, base: TimeBase) -> NDArray[np.float64]:
+    """When each cell was read in one sample of the segment, (n_cells,) Unix seconds, NaN where it was not."""
+    bit = sample - segment.history.start
+    seen = (segment.history.observed[:, bit >> 3] >> np.uint8(bit & 7)) & np.uint8(1) != 0
+    first = int(np.searchsorted(base.sample(segment.time), sample))
+    rank = np.zeros(seen.size, np.int64) if segment.rank is None else segment.rank[:, bit].astype(np.int64)
+    times = np.full(seen.size, np.nan)
+    times[seen] = segment.time[first + rank[seen]]
+    return times
 
 
 def _ranks(segment: Segment, table: NDArray[np.float64], first: NDArray[np.int64], base: TimeBase) -> NDArray[np.int32]:

@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 class TimeBase:
     """Sample n covers [epoch + n interval_s, epoch + (n + 1) interval_s); Unix seconds, float64.
 
+    What was measured in a sample stands for all of it, and what is predicted is predicted for all of it.
+
     >>> base = TimeBase(epoch=100.0, interval_s=60.0)
     >>> int(base.sample(99.9)), int(base.sample(100.0)), float(base.time(2))
     (-1, 0, 220.0)
@@ -46,6 +48,18 @@ class TimeBase:
             first if start is None else max(first, int(self.sample(start))),
             last if stop is None else min(last, int(self.sample(stop))),
         )
+
+    def middle(self, sample: ArrayLike) -> NDArray[np.float64]:
+        """The middle of a sample in seconds, epoch + (n + 1/2) interval_s; fractions of a sample allowed."""
+        return self.time(np.asarray(sample, np.float64) + 0.5)
+
+    def middle_of(self, time: ArrayLike) -> NDArray[np.float64]:
+        """The middle of the sample that contains each time: where p of that whole sample is evaluated.
+
+        >>> TimeBase(0.0, 60.0).middle_of([0.0, 59.9, 60.0]).tolist()
+        [30.0, 30.0, 90.0]
+        """
+        return self.middle(self.sample(time))
 
     def time(self, sample: ArrayLike) -> NDArray[np.float64]:
         """The start of a sample in seconds, epoch + n interval_s; fractions of a sample allowed."""

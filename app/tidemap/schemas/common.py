@@ -93,20 +93,15 @@ def iso(time_s: float) -> str:
     return datetime.fromtimestamp(time_s, timezone.utc).isoformat().replace("+00:00", "Z")
 
 
-TimeIn = Annotated[
-    float,
-    BeforeValidator(parse_time),
-    WithJsonSchema(
-        {
-            "anyOf": [
-                {"type": "number", "minimum": -FARTHEST_S, "maximum": FARTHEST_S},
-                {"type": "string", "format": "date-time"},
-            ],
-            "description": "Unix seconds, or ISO 8601 with a zone.",
-            "examples": [1772355600, "2026-03-01T09:00:00Z"],
-        }
-    ),
-]
+TIME_SCHEMA: dict[str, Any] = {
+    "anyOf": [
+        {"type": "number", "minimum": -FARTHEST_S, "maximum": FARTHEST_S},
+        {"type": "string", "format": "date-time"},
+    ],
+    "description": "Unix seconds, or ISO 8601 with a zone.",
+    "examples": [1772355600, "2026-03-01T09:00:00Z"],
+}
+TimeIn = Annotated[float, BeforeValidator(parse_time), WithJsonSchema(TIME_SCHEMA)]
 TimeOut = Annotated[
     float,
     BeforeValidator(parse_time),

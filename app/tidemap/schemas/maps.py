@@ -7,6 +7,7 @@ from pydantic import Field
 from tidemap.schemas.common import Answer, Form, Many, TimeIn, TimeOut, shown
 from tidemap.schemas.locations import Confidence, EstimatorName
 
+Given = Literal["observations", "model"]
 Verdict = Literal["occupied", "free", "uncertain"]
 UNAVAILABLE = (
     "Cells [first, stop) whose stored state is damaged, as the server's log says: they are missing here. "
@@ -18,6 +19,8 @@ class StateAnswer(Answer):
     """The state at a time, for the cells that have been observed."""
 
     time: TimeOut
+    as_of: TimeOut = Field(description="The readings at or before this moment were used.")
+    given: Given
     confidence: float
     estimator: str
     order: int
@@ -29,6 +32,9 @@ class StateAnswer(Answer):
     verdict: list[Verdict]
     observed: list[int | None] | None = Field(None, description="As last seen at that time (`observed=true`).")
     observed_time: list[float | None] | None = None
+    last_seen: list[float | None] | None = Field(
+        None, description="When each cell was read last, at or before `as_of` (`last_seen=true`); start of the sample."
+    )
     unavailable: list[tuple[int, int]] = Field(description=UNAVAILABLE)
 
 
@@ -42,6 +48,8 @@ class PredictForm(Form):
     confidence: Confidence | None = None
     order: int | None = Field(None, ge=0, le=64)
     estimator: EstimatorName | None = None
+    as_of: TimeIn | None = Field(None, description="Use the readings at or before this moment; by default now.")
+    given: Given = "observations"
 
 
 class PredictionAnswer(Answer):
@@ -53,12 +61,17 @@ class PredictionAnswer(Answer):
     probability: list[list[float | None]]
     state: list[list[int | None]]
     entropy: list[list[float | None]]
+    as_of: TimeOut
+    given: Given
     revision: int
     unavailable: list[tuple[int, int]] = Field(description=UNAVAILABLE)
 
 
 class SeriesAnswer(Answer):
-    """One cell over time; `observed` is null where a sample was not observed."""
+    """One cell over time: at every time what holds for the sample that contains it; null where it was not observed.
+
+    Of a `step` longer than a sample, `observed` is the latest measurement in the step, where there is one.
+    """
 
     cell: int
     time: list[float]
@@ -71,8 +84,9 @@ class SeriesAnswer(Answer):
 class Component(Answer):
     """One wave: amplitude·cos(2π·frequency_hz·τ + phase); with `gate` weekend on Saturdays and Sundays only.
 
-    τ is t - start in seconds where the model's `time_zone` is null (fft), else the civil time there in seconds since a
-    Monday 00:00 (calendar). `period_s` is null for a constant, which a gate may have.
+    τ is the same all over the sample that contains t. Where the model's `time_zone` is null (fft) it is the time from
+    `start` to the start of that sample, else the civil time of its middle since a Monday 00:00 (calendar), in seconds.
+    `period_s` is null for a constant, which a gate may have.
     """
 
     amplitude: float

@@ -130,9 +130,8 @@ def _history(snapshot: Snapshot, location: LocationRecord, tally: LogTotals) -> 
             yield where, f"the location has {location.n_chunks} chunks"
             continue
         yield from _unreadable(where, partial(_match_segment, location, chunk, row, standing))
-    counted = location.measurements - location.deleted
-    if sum(standing) > counted:
-        yield "history", f"{sum(standing)} measurements stand, but only {counted} were counted"
+    if sum(standing) > location.observations:
+        yield "history", f"{sum(standing)} measurements stand, but only {location.observations} were counted"
 
 
 def _match_segment(location: LocationRecord, chunk: int, row: Row, standing: list[int]) -> None:
@@ -200,7 +199,7 @@ def _spectra(snapshot: Snapshot, location: LocationRecord, tally: LogTotals) -> 
 
 def _match_spectrum(location: LocationRecord, row: Row) -> None:
     """ValueError where a spectrum does not fit its chunk, or itself."""
-    spectrum = unpack_spectrum(row.payload, "spectrum")
+    spectrum = unpack_spectrum(row.payload, "spectrum", location.base)
     if spectrum.n_cells != location.chunk_size(row.chunk):
         raise ValueError(f"it has {spectrum.n_cells} cells, the chunk has {location.chunk_size(row.chunk)}")
     if np.any(np.diff(spectrum.cell) <= 0) or np.any((spectrum.cell < 0) | (spectrum.cell >= spectrum.n_cells)):

@@ -19,6 +19,8 @@ from tidemap.storage.work import Work
 ROUND_MEASUREMENTS = 8_000_000
 """Measurements that one round takes from the log: the more, the fewer times a segment is written anew, and the more
 memory."""
+LATE = 1.02
+"""How many times its location's `retention` old something is that is dropped though nobody posts."""
 Part = tuple[Measurements, int, int]
 """Rows [first, stop) of measurements: as measurements of their own they would take half as much memory again."""
 
@@ -55,13 +57,16 @@ def forget(ctx: Context, location: LocationRecord) -> None:
 
 
 def forget_everywhere(ctx: Context, check: Callable[[], None] = lambda: None) -> None:
-    """Drop what is older than its location's `retention`, also where nobody posts or updates any more."""
+    """Drop what is older than its location's `retention`, by a fiftieth at least, where nobody updates any more.
+
+    Every time this rewrites a segment of each chunk, so it is not done for every sample that passes.
+    """
     with ctx.store.read() as work:
         locations = work.locations.list()
     now = ctx.clock()
     for location in locations:
         first, retention_s = location.first_time, location.retention_s
-        if first is not None and retention_s is not None and first < now - retention_s:
+        if first is not None and retention_s is not None and first < now - LATE * retention_s:
             compact(ctx, location, check)
             forget(ctx, location)
 

@@ -17,6 +17,7 @@ from tidemap.services.damage import Damage
 from tidemap.services.location_cache import LocationCache
 from tidemap.services.state_buffer import StateBuffer
 from tidemap.settings import Settings
+from tidemap.spectral.conditioning import Evidence
 from tidemap.spectral.spectrum import Spectrum
 from tidemap.storage.records import RevisionRecord
 from tidemap.storage.repositories.observations import Tail
@@ -35,6 +36,14 @@ class Loaded:
     damage: Mapping[int, CorruptChunkError]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class KeptEvidence:
+    """What was read last of some cells; those of `damaged` chunks look as if never read."""
+
+    evidence: Evidence
+    damaged: list[int]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Context:
     """What one process works with. `clock` gives Unix seconds; `term` is the leader's term that its writes belong to.
@@ -49,6 +58,7 @@ class Context:
     spectra: ByteCache[Loaded]
     histories: ByteCache[History]
     tails: ByteCache[Tail]
+    evidence: ByteCache[KeptEvidence]
     buffers: BufferPool[StateBuffer]
     damage: Damage
     locations: LocationCache
@@ -75,6 +85,7 @@ def open_context(settings: Settings, clock: Callable[[], float] = time.time) -> 
                 settings.history_cache_bytes, lambda value: value.observed.nbytes + value.occupied.nbytes
             ),
             tails=ByteCache(settings.history_cache_bytes // 2, tail_bytes),
+            evidence=ByteCache(settings.reading_cache_bytes, lambda kept: kept.evidence.nbytes),
             buffers=BufferPool(settings.answer_cache_bytes),
             damage=Damage(),
             locations=LocationCache(),

@@ -4,7 +4,10 @@ import logging
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from tidemap.errors import InvalidInputError, refuse_reversed
+import numpy as np
+from numpy.typing import NDArray
+
+from tidemap.errors import refuse_reversed
 from tidemap.history.erasing import erase
 from tidemap.history.measurements import Measurements
 from tidemap.history.segment import SEGMENT_SAMPLES, Segment, merge
@@ -12,14 +15,15 @@ from tidemap.services.compaction import Part, replace_log, segment_before, split
 from tidemap.services.context import Context
 from tidemap.services.history import NOTHING, by_segment, of_chunk
 from tidemap.services.locations import find_location
+from tidemap.services.owners import Owners
 from tidemap.storage.blobs import pack_segment
 from tidemap.storage.records import LocationRecord
 from tidemap.storage.repositories.segments import SegmentKey
-from tidemap.storage.repositories.sources import UNKNOWN
 from tidemap.storage.work import Work
 
 log = logging.getLogger(__name__)
 EVERY_ROW = 1 << 62
+Choose = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +36,10 @@ class Deletion:
 
     def __post_init__(self) -> None:
         refuse_reversed(self.start, self.stop)
+
+    def within(self, time: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Which of some times (n,) are in it."""
+        return np.asarray((time >= self.start) & (time < self.stop))
 
 
 def delete_observations(
@@ -61,63 +69,53 @@ def _delete(ctx: Context, location_id: int, what: Deletion, check: Callable[[], 
         with ctx.store.read() as work:
             location = work.locations.by_id(location_id)
             rows = work.observations.packed(location, EVERY_ROW)
-            keys = _reached(work, location, what)
+            keys, choose = _reached(work, location, what), _chooser(work, location, what)
         parts, damaged = unpack(ctx, location, rows)
         sources = [row.source for row in rows if row.number not in damaged]
         kept = [_kept(part, source, what) for part, source in zip(parts, sources, strict=True)]
         deleted = sum(map(len, parts)) - sum(map(len, kept))
         merged: dict[SegmentKey, bytes] = {}
-        for key, segment, erased in _revised(ctx, location, split([part for part in kept if len(part)]), keys, what):
+        for key, segment, erased in _revised(ctx, location, split([part for part in kept if len(part)]), keys, choose):
             merged[key] = pack_segment(segment) if len(segment.time) else b""
             deleted += erased
             check()
-        if not deleted:
-            return 0
         through = rows[-1].number if rows else location.compacted_seq
 
-        def store(work: Work) -> bool:
+        def store(work: Work) -> int | None:
             if not replace_log(work, location, through, merged, damaged):
-                return False
+                return None
             work.observations.recount(location, work.segments.times(location), deleted)
-            return True
+            return deleted
 
-        return deleted if ctx.store.write(store, lambda _: _let_go(ctx, location_id)) else None
+        return ctx.store.write(store, lambda _: _let_go(ctx, location_id)) if deleted else 0
 
 
 def _reached(work: Work, location: LocationRecord, what: Deletion) -> set[SegmentKey]:
-    """The segments that may hold some of it. Raises InvalidInputError where it cannot be told apart in them."""
-    known = work.sources.compacted(location, what.start, what.stop)
-    if what.source is not None:
-        if not known & {what.source, UNKNOWN}:
-            return set()
-        if others := sorted(known - {what.source}):
-            raise _inseparable(what.source, others)
+    """The segments that may hold some of it."""
     first, last = location.base.sample([what.start, what.stop]).tolist()
     return set(work.segments.keys(location.id, first // SEGMENT_SAMPLES, last // SEGMENT_SAMPLES))
 
 
-def _inseparable(source: str, others: list[str]) -> InvalidInputError:
-    words = {UNKNOWN: "robots that are not known any more", "": "robots without a name"}
-    names = ", ".join(words.get(name, repr(name)) for name in others)
-    return InvalidInputError.at(
-        "source",
-        f"what {source!r} measured between start and stop is compacted together with what was measured by {names}, and "
-        "cannot be told apart any more; choose a time in which it was alone, or leave `source` out to delete all of it",
-    )
+def _chooser(work: Work, location: LocationRecord, what: Deletion) -> Choose:
+    """Which times of a segment are to be erased."""
+    if what.source is None:
+        return what.within
+    owners = Owners(work.sources.compacted(location, what.start, what.stop), what.source, location.combine)
+    return lambda time: what.within(time) & owners.own(time, what.within(time))
 
 
 def _kept(part: Measurements, source: str | None, what: Deletion) -> Measurements:
     """What is left of an observation of a source."""
     if what.source not in (None, source):
         return part
-    gone = (part.time >= what.start) & (part.time < what.stop)
+    gone = what.within(part.time)
     return part.select(~gone) if gone.any() else part
 
 
 def _revised(
-    ctx: Context, location: LocationRecord, measured: dict[int, list[Part]], keys: set[SegmentKey], what: Deletion
+    ctx: Context, location: LocationRecord, measured: dict[int, list[Part]], keys: set[SegmentKey], choose: Choose
 ) -> Iterator[tuple[SegmentKey, Segment, int]]:
-    """Segments without what is deleted in those with these keys, and with what was measured; how much was erased."""
+    """Segments with what was measured, without what `choose` takes of those with these keys; how much was erased."""
     for chunk in sorted({*measured, *(chunk for chunk, _ in keys)}):
         parts = [part.select(slice(first, stop)) for part, first, stop in measured.get(chunk, [])]
         new = dict(by_segment(location, of_chunk(Measurements.concatenate(parts), chunk)))
@@ -130,7 +128,7 @@ def _revised(
                     key, before = segment_before(ctx, work, location, key)
             segment = before or Segment.empty(location.chunk_size(chunk), number)
             if key in keys:
-                segment, erased = erase(segment, what.start, what.stop, location.base)
+                segment, erased = erase(segment, choose(segment.time), location.base)
             if erased or number in new:
                 yield key, merge(segment, new.get(number, NOTHING), location.base, location.combine), erased
 

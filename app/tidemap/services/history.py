@@ -2,7 +2,7 @@
 
 from bisect import bisect_left
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import cast
 
@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.errors import CorruptChunkError
-from tidemap.history.history import NEVER, UNOBSERVED, History
+from tidemap.history.history import History
 from tidemap.history.measurements import Measurements
-from tidemap.history.segment import SEGMENT_SAMPLES, Segment, merge
+from tidemap.history.segment import SEGMENT_SAMPLES, Segment, merge, standing, times_at
 from tidemap.services.context import Context
 from tidemap.settings import YEAR_S
 from tidemap.storage.records import CHUNK_CELLS, LocationRecord
@@ -34,12 +34,15 @@ def span(location: LocationRecord) -> tuple[int, int]:
 
 
 def window(ctx: Context, location: LocationRecord) -> tuple[int, int]:
-    """The part of `span` that is modelled: its latest `max_samples` samples, fewer where a chunk would be too large.
+    """The samples that are modelled: of `span`, and of what is held after it until now, the latest `max_samples`.
 
-    What was seen before a gap of a year is left out where no more was seen before it than since, as a reading of a
-    clock that was wrong.
+    Fewer where a chunk would be too large. What was seen before a gap of a year is left out where no more was seen
+    before it than since, as a reading of a clock that was wrong.
     """
     start, stop = span(location)
+    if stop > start and location.hold_samples is not None:
+        now = int(location.base.sample(ctx.clock())) + 1
+        stop = max(stop, min(stop + location.hold_samples, now))
     most = min(ctx.settings.max_samples, CHUNK_BITS // min(location.n_cells, CHUNK_CELLS))
     start = max(start, stop - most)
     if (stop - start) * location.interval_s <= YEAR_S:
@@ -101,45 +104,45 @@ def read_cell(ctx: Context, location: LocationRecord, cell: int, start: int, sto
     return read_history(ctx, location, cell // CHUNK_CELLS, start, stop).cells(np.array([cell % CHUNK_CELLS]))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LastSeen:
-    """state (n,) uint8 and sample (n,) int64: UNOBSERVED and NEVER where there is none, or its chunk is damaged."""
+def read_measurements(ctx: Context, location: LocationRecord, cell: int, start: int, stop: int) -> Measurements:
+    """What stands of the measurements of one cell in samples [start, stop), at their exact times, in order of time.
 
-    state: NDArray[np.uint8]
-    sample: NDArray[np.int64]
-    damaged: list[int]
-
-
-def last_seen(ctx: Context, location: LocationRecord, sample: int, cells: NDArray[np.int64]) -> LastSeen:
-    """The latest measurement at or before `sample`, of some cells (ascending).
-
-    Reads segments backwards, as far as some cell has not been found.
+    Unpacks the segments of its chunk. Raises CorruptChunkError.
     """
-    damaged = []
-    state = np.full(len(cells), UNOBSERVED, np.uint8)
-    seen = np.full(len(cells), NEVER, np.int64)
-    start, stop = window(ctx, location)
-    borders = np.searchsorted(cells, np.arange(location.n_chunks + 1) * CHUNK_CELLS)
-    for chunk in np.flatnonzero(np.diff(borders)).tolist():
-        missing = np.arange(borders[chunk], borders[chunk + 1])
-        end = min(sample + 1, stop)
-        try:
-            while end > start and len(missing):
-                begin = max(start, (end - 1) // SEGMENT_SAMPLES * SEGMENT_SAMPLES)
-                found, at = _read_known(ctx, location, chunk, begin, end).last_seen(sample)
-                local = cells[missing] - chunk * CHUNK_CELLS
-                state[missing], seen[missing] = found[local], at[local]
-                missing, end = missing[seen[missing] == NEVER], begin
-        except CorruptChunkError:
-            damaged.append(chunk)
-            state[missing] = UNOBSERVED
-    return LastSeen(state, seen, damaged)
-
-
-def _read_known(ctx: Context, location: LocationRecord, chunk: int, start: int, stop: int) -> History:
-    """What was measured in one chunk over samples [start, stop) and, uncopied, in those around them."""
+    chunk, row = divmod(cell, CHUNK_CELLS)
     with ctx.store.read() as work:
-        return _stored(ctx, work, work.locations.by_id(location.id), chunk, start, stop)
+        location = work.locations.by_id(location.id)
+        segments = _merged(ctx, work, location, chunk, *_segments(location, start, stop))
+        found = Measurements.concatenate([standing(_one_cell(each, row), location.base) for each in segments])
+    sample = found.samples(location.base)
+    return found.select((sample >= start) & (sample < stop)).in_order()
+
+
+def _one_cell(segment: Segment, row: int) -> Segment:
+    rank = None if segment.rank is None else segment.rank[row : row + 1]
+    return Segment(segment.history.cells([row]), segment.time, rank)
+
+
+def read_backwards(ctx: Context, location: LocationRecord, chunk: int, sample: int) -> Iterator[History]:
+    """What was measured in one chunk at or before `sample`, segment by segment, the latest first; a
+    segment is whole, so it may hold more. Raises CorruptChunkError."""
+    start, stop = window(ctx, location)
+    end = min(sample + 1, stop)
+    while end > start:
+        begin = max(start, (end - 1) // SEGMENT_SAMPLES * SEGMENT_SAMPLES)
+        with ctx.store.read() as work:
+            piece = _stored(ctx, work, work.locations.by_id(location.id), chunk, begin, end)
+        yield piece
+        end = begin
+
+
+def read_times(ctx: Context, location: LocationRecord, chunk: int, sample: int) -> NDArray[np.float64]:
+    """When the cells of one chunk were read in one sample, NaN where they were not. Raises CorruptChunkError."""
+    number = sample // SEGMENT_SAMPLES
+    with ctx.store.read() as work:
+        location = work.locations.by_id(location.id)
+        (segment,) = _merged(ctx, work, location, chunk, number, number)
+    return times_at(segment, sample, location.base)
 
 
 def _stored(ctx: Context, work: Work, location: LocationRecord, chunk: int, start: int, stop: int) -> History:
@@ -174,14 +177,20 @@ def _segments(location: LocationRecord, start: int, stop: int) -> tuple[int, int
 
 def _assemble(ctx: Context, work: Work, location: LocationRecord, chunk: int, first: int, last: int) -> History:
     whole = History.empty(location.chunk_size(chunk), first * SEGMENT_SAMPLES, (last - first + 1) * SEGMENT_SAMPLES)
+    for segment in _merged(ctx, work, location, chunk, first, last):
+        _lay(whole, segment)
+    return whole
+
+
+def _merged(ctx: Context, work: Work, location: LocationRecord, chunk: int, first: int, last: int) -> Iterator[Segment]:
+    """The segments of a chunk with numbers in [first, last], what is not compacted yet in them; in no order."""
     new = dict(by_segment(location, _tail(ctx, work, location, chunk)))
     for number, segment in work.segments.of_chunk(location, chunk, first, last):
-        _lay(whole, merge(segment, new.pop(number, NOTHING), location.base, location.combine))
+        yield merge(segment, new.pop(number, NOTHING), location.base, location.combine)
     for number, measured in new.items():
         if first <= number <= last:
             empty = Segment.empty(location.chunk_size(chunk), number)
-            _lay(whole, merge(empty, measured, location.base, location.combine))
-    return whole
+            yield merge(empty, measured, location.base, location.combine)
 
 
 def _lay(whole: History, segment: Segment) -> None:

@@ -18,11 +18,6 @@ class LocationSummary(LocationRecord):
     accuracy: float | None
     open_anomalies: int
 
-    @property
-    def observations(self) -> int:
-        """How many measurements it has."""
-        return self.measurements - self.deleted
-
 
 def create_location(ctx: Context, form: LocationForm) -> LocationSummary:
     """Raises LocationExistsError, InvalidInputError."""

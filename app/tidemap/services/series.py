@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tidemap.errors import InvalidInputError, refuse_reversed
 from tidemap.history.history import UNOBSERVED
 from tidemap.services.context import Context
-from tidemap.services.history import read_cell, window
+from tidemap.services.history import read_cell, read_measurements, window
 from tidemap.services.predict import check_cell, predict_in_blocks, state_or_unknown
 from tidemap.services.spectra import fitted
 from tidemap.storage.records import LocationRecord
@@ -17,7 +17,11 @@ from tidemap.storage.records import LocationRecord
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeriesView:
-    """One cell over time, (n,) each; state and observed are 2 where unknown, observed is that of the time's sample."""
+    """One cell over time, (n,) each; state and observed are 2 where unknown.
+
+    probability and state are those of the sample that contains the time. So is observed; of a step that is longer than
+    a sample it is the latest measurement in [time, time + step), where there is one.
+    """
 
     cell: int
     time: NDArray[np.float64]
@@ -52,10 +56,12 @@ def series(ctx: Context, name: str, query: SeriesQuery = WHOLE, check: Callable[
     cell = query.cell
     check_cell(location, cell)
     first, last = window(ctx, location)
-    step = location.interval_s if query.step is None else query.step
+    if query.step is None:
+        first = max(first, last - ctx.settings.max_points + 1)
+    start = float(location.base.time(first)) if query.start is None else query.start
     stop = float(location.base.time(last)) if query.stop is None else query.stop
-    start = max(float(location.base.time(first)), stop - (ctx.settings.max_points - 1) * step)
-    time = _times(ctx, start if query.start is None else query.start, stop, step)
+    step = location.interval_s if query.step is None else query.step
+    time = _times(ctx, start, stop, step)
     probability = np.full(len(time), np.nan, np.float32)
     revision = 0
     if location.revision:
@@ -66,6 +72,8 @@ def series(ctx: Context, name: str, query: SeriesQuery = WHOLE, check: Callable[
             model.revision.revision,
         )
     observed = _observed_at(ctx, location, cell, time)
+    if step > location.interval_s:
+        _show_latest(ctx, location, cell, time, step, observed)
     return SeriesView(cell, time, probability, state_or_unknown(probability, location.confidence), observed, revision)
 
 
@@ -89,3 +97,21 @@ def _observed_at(ctx: Context, location: LocationRecord, cell: int, time: NDArra
         states = read_cell(ctx, location, cell, low, high).states()[0]
         observed[inside] = states[sample[inside] - low]
     return observed
+
+
+def _show_latest(
+    ctx: Context,
+    location: LocationRecord,
+    cell: int,
+    time: NDArray[np.float64],
+    step: float,
+    observed: NDArray[np.uint8],
+) -> None:
+    """In place: of every step that holds measurements the latest."""
+    if not len(time):
+        return
+    first, last = window(ctx, location)
+    low, high = (int(location.base.sample(each)) for each in (time[0], time[-1] + step))
+    measured = read_measurements(ctx, location, cell, max(first, low), min(last, high + 1))
+    inside = measured.select((measured.time >= time[0]) & (measured.time < time[-1] + step))
+    observed[np.searchsorted(time, inside.time, side="right") - 1] = inside.state

@@ -11,6 +11,7 @@ from tidemap.history.combining import ANY, LATEST, MAJORITY
 from tidemap.history.erasing import erase
 from tidemap.history.history import History
 from tidemap.history.measurements import Measurements
+from tidemap.history.runs import LatestRuns
 from tidemap.history.segment import Segment, merge
 from tidemap.history.snapshot import sort_snapshot
 from tidemap.history.timebase import TimeBase
@@ -18,6 +19,7 @@ from tidemap.space.grid import GridGeometry
 from tidemap.space.regions import label_regions
 from tidemap.spectral.anomaly import surprising
 from tidemap.spectral.auto.selection import choose
+from tidemap.spectral.conditioning import UNLEARNED, Evidence
 from tidemap.spectral.model import add, reconstruct, update
 from tidemap.spectral.prediction import StateColumns, predict, predict_times, write_waves
 from tidemap.storage.blobs import pack_measurements, pack_segment, unpack_measurements, unpack_segment
@@ -49,12 +51,13 @@ def _compact() -> None:
         segment = merge(Segment.empty(2, 0), measurements, base, combine)
         stored = unpack_segment(pack_segment(segment), 0, "a segment")
         pack_segment(merge(stored, twice, base, combine))
-        pack_segment(erase(stored, 0.0, 1.0, base)[0])
+        pack_segment(erase(stored, stored.time < 1, base)[0])
 
 
 def _fit_and_ask() -> None:
-    states = (np.arange(3 * 200).reshape(3, 200) % 7 < 3).astype(np.uint8)
-    states[1, 50:60] = 2
+    states = (np.arange(4 * 200).reshape(4, 200) % 7 < 3).astype(np.uint8)
+    states[3] = 1
+    states[1, 50:60], states[2:, 1::2] = 2, 2
     fresh = History.from_states(states, start=3)
     stored = replace(fresh, observed=_read_only(fresh.observed), occupied=_read_only(fresh.occupied))
     base = TimeBase(0.0, 60.0)
@@ -65,6 +68,11 @@ def _fit_and_ask() -> None:
         reconstruct(add(model, 170, 1))
         history.hold(2)
         history.last_seen(100)
+        runs = LatestRuns.none(history.n_cells)
+        runs.extend(history, 100)
+        age = np.ones(history.n_cells, np.uint32)
+        evidence = Evidence(runs.state, runs.sample, age, np.ones(history.n_cells, np.float32))
+        evidence.condition(np.full((history.n_cells, 1), 0.5, np.float32), np.array([200]), 60.0, UNLEARNED)
         history.ever_observed()
         History.from_intervals(history.intervals())
         kept = replace(

@@ -36,14 +36,15 @@ def unpack(
 def top_k(
     bins: NDArray[np.complex64],
     scale: NDArray[np.float32],
+    limit: NDArray[np.int64],
     nyquist: bool,
     index: NDArray[np.int32],
     coefficient: NDArray[np.complex64],
 ) -> None:
     """Of every row the bins of greatest magnitude, descending, of equal ones the lower frequency first.
 
-    bins (n, n_bins) with DC at 0, which is left out; index, coefficient (n, order), zero where the
-    row has fewer. With `nyquist` the last bin is its own conjugate and counts half.
+    bins (n, n_bins) with DC at 0, which is left out, as are those from limit (n,) on; index, coefficient
+    (n, order), zero where the row has fewer. With `nyquist` the last bin is its own conjugate and counts half.
     """
     n_bins, order = bins.shape[1], index.shape[1]
     size = -(-n_bins // CHUNK) * CHUNK
@@ -51,10 +52,11 @@ def top_k(
     key = power.view(np.int32)
     best = np.empty(order, np.int32)
     for row in range(bins.shape[0]):
-        for k in range(1, n_bins):
+        power[limit[row] :] = np.float32(0)
+        for k in range(1, limit[row]):
             value = bins[row, k]
             power[k] = value.real * value.real + value.imag * value.imag
-        if nyquist:
+        if nyquist and limit[row] == n_bins:
             power[n_bins - 1] *= np.float32(0.25)
         best[:] = 0
         for first in range(0, size, CHUNK):

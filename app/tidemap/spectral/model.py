@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import logit
 
 from tidemap.history import bits
 from tidemap.history.history import UNOBSERVED, History
@@ -14,6 +15,7 @@ from tidemap.spectral.prediction import predict
 from tidemap.spectral.recipe import Recipe
 from tidemap.spectral.reconstruction import predicted_words
 from tidemap.spectral.spectrum import Spectrum
+from tidemap.spectral.static import expected_share
 
 __all__ = ["SpectralModel", "accuracy", "add", "predict", "reconstruct", "refit", "update"]
 
@@ -137,19 +139,16 @@ def refit(history: History, recipe: Recipe, base: TimeBase, fit_window: tuple[in
 def fit_part(history: History, recipe: Recipe, base: TimeBase, part: tuple[int, int] | None = None) -> Spectrum:
     """The spectrum of the samples `part` = [start, stop) of a history, by default of all.
 
-    A cell that was observed only outside of them keeps the mean of its whole history, half a visit of each state
-    added on the logit scale: what is mapped once does not vanish. ValueError on an unknown estimator.
+    A cell that was observed only outside of them keeps the expected share of its whole history: what is mapped once
+    does not vanish. ValueError on an unknown estimator.
     """
     spectrum = fit_recipe(history if part is None else history.window(*part), recipe, base)
     unseen = np.isnan(spectrum.mean) & history.ever_observed()
     if not unseen.any():
         return spectrum
-    occupied, observed = history.count_occupied()[unseen], history.count_observed()[unseen]
+    share = expected_share(history.count_occupied()[unseen], history.count_observed()[unseen])
     mean = spectrum.mean.copy()
-    if spectrum.link == "logit":
-        mean[unseen] = np.log((occupied + 0.5) / (observed - occupied + 0.5))
-    else:
-        mean[unseen] = occupied / observed
+    mean[unseen] = logit(share) if spectrum.link == "logit" else share
     return replace(spectrum, mean=mean)
 
 

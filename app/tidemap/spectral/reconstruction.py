@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tidemap.history.bits import ALL, WORD, blocks
 from tidemap.history.timebase import TimeBase
 from tidemap.spectral import kernels, weekly
-from tidemap.spectral.prediction import TABLE_SIZE, phasors
+from tidemap.spectral.prediction import TABLE_SIZE, phasors, tau_phasors
 from tidemap.spectral.spectrum import Spectrum
 
 ROWS = 256
@@ -45,8 +45,9 @@ def _fill_uniform(spectrum: Spectrum, base: TimeBase, first: int, threshold: flo
     for block in range(0, words.shape[1], step):
         part = np.ascontiguousarray(words[:, block : block + step])
         middle = base.time((first + block + np.arange(part.shape[1])) * WORD + (WORD - 1) / 2)
+        anchor = tau_phasors(spectrum, middle - spectrum.origin_s)
         waves = (spectrum.cell, spectrum.index, spectrum.coefficient, spectrum.mean)
-        kernels.threshold_blocks(*waves, threshold, phasors(spectrum, middle), offset, part)
+        kernels.threshold_blocks(*waves, threshold, anchor, offset, part)
         words[:, block : block + step] = part
 
 

@@ -7,6 +7,7 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tidemap.history.timebase import TimeBase
 from tidemap.spectral.civil import civil_seconds
 
 Link = Literal["identity", "logit"]
@@ -24,7 +25,8 @@ class Spectrum:
     mean (n_cells,) float32, on the scale of the link, NaN where never observed.
     cell (n_varying,) int32, ascending: the cells that have waves; index (n_varying, order) uint16
     or uint32 into the table; coefficient (n_varying, order) complex64, descending in magnitude,
-    padded with zeros. τ(t) is `tau`; the weekend gate passes days 5 and 6 of weeks of τ.
+    padded with zeros. τ(t) is `tau`, the same all over a sample of `base`: p(t) is the expectation for
+    the sample that contains t. The weekend gate passes days 5 and 6 of weeks of τ.
     """
 
     link: Link
@@ -36,6 +38,7 @@ class Spectrum:
     cell: NDArray[np.int32]
     index: NDArray[np.uint16] | NDArray[np.uint32]
     coefficient: NDArray[np.complex64]
+    base: TimeBase
 
     def __post_init__(self) -> None:
         n_varying, order = self.coefficient.shape
@@ -73,7 +76,7 @@ class Components:
     gate: NDArray[np.uint8]
 
 
-def static(mean: NDArray[np.float32], origin_s: float, link: Link = "identity") -> Spectrum:
+def static(mean: NDArray[np.float32], base: TimeBase, origin_s: float = 0.0, link: Link = "identity") -> Spectrum:
     """A spectrum of means alone."""
     return Spectrum(
         link=link,
@@ -85,6 +88,7 @@ def static(mean: NDArray[np.float32], origin_s: float, link: Link = "identity") 
         cell=np.zeros(0, np.int32),
         index=np.zeros((0, 0), np.uint16),
         coefficient=np.zeros((0, 0), np.complex64),
+        base=base,
     )
 
 
@@ -100,14 +104,15 @@ def blank(like: Spectrum, n_cells: int) -> Spectrum:
 
 
 def tau(spectrum: Spectrum, time: ArrayLike) -> NDArray[np.float64]:
-    """τ(t) in seconds, of the shape of `time` (Unix seconds).
+    """τ(t) in seconds, of the shape of `time` (Unix seconds), the same for all of the sample that contains t.
 
-    Elapsed seconds since origin_s; in a time zone the civil seconds since Monday, 5 January 1970.
+    Seconds from origin_s, where a sample starts, to the start of that sample; in a time zone the civil seconds of its
+    middle since Monday, 5 January 1970. All that evaluates a spectrum at a time comes through here, so that predicting,
+    judging, fitting and showing mean the same p(t).
     """
-    seconds = np.asarray(time, np.float64)
     if spectrum.time_zone is None:
-        return np.asarray(seconds - spectrum.origin_s)
-    return civil_seconds(seconds, spectrum.time_zone)
+        return np.asarray(spectrum.base.time(spectrum.base.sample(time)) - spectrum.origin_s)
+    return civil_seconds(spectrum.base.middle_of(time), spectrum.time_zone)
 
 
 def gates(spectrum: Spectrum, tau_s: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -124,7 +129,9 @@ def truncate(spectrum: Spectrum, order: int) -> Spectrum:
     if order >= spectrum.order:
         return spectrum
     if order == 0:
-        return replace(static(spectrum.mean, spectrum.origin_s, spectrum.link), time_zone=spectrum.time_zone)
+        return replace(
+            static(spectrum.mean, spectrum.base, spectrum.origin_s, spectrum.link), time_zone=spectrum.time_zone
+        )
     kept = replace(
         spectrum,
         index=spectrum.index[:, :order].copy(),
@@ -194,7 +201,9 @@ def compact(spectrum: Spectrum) -> Spectrum:
     if used.all():
         return spectrum
     if not used.any():
-        return replace(static(spectrum.mean, spectrum.origin_s, spectrum.link), time_zone=spectrum.time_zone)
+        return replace(
+            static(spectrum.mean, spectrum.base, spectrum.origin_s, spectrum.link), time_zone=spectrum.time_zone
+        )
     position = np.maximum(np.cumsum(used) - 1, 0)
     return replace(
         spectrum,
@@ -212,14 +221,14 @@ def index_type(n_waves: int) -> type[np.uint16] | type[np.uint32]:
 def concatenate(spectra: Sequence[Spectrum]) -> Spectrum:
     """One spectrum of the cells of all, in order; the wave tables are united and sorted.
 
-    ValueError where link, origin or time zone differ, or there is none.
+    ValueError where link, origin, time zone or time base differ, or there is none.
     """
     if not spectra:
         raise ValueError("nothing to concatenate")
     first = spectra[0]
-    scale = (first.link, first.origin_s, first.time_zone)
-    if any((each.link, each.origin_s, each.time_zone) != scale for each in spectra):
-        raise ValueError("the spectra differ in link, origin or time zone")
+    scale = (first.link, first.origin_s, first.time_zone, first.base)
+    if any((each.link, each.origin_s, each.time_zone, each.base) != scale for each in spectra):
+        raise ValueError("the spectra differ in link, origin, time zone or time base")
     waves, inverse = _unite(spectra)
     order = max(each.order for each in spectra)
     offset = np.cumsum([0] + [each.n_cells for each in spectra])

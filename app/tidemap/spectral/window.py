@@ -1,9 +1,20 @@
 """The window a spectrum is fitted to."""
 
 import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 DAY_S = 86_400.0
 DAYS_A_WEEK = 7
+PAUSE_S: Final = DAYS_A_WEEK * DAY_S
+"""Shorter pauses are part of a rhythm."""
+
+
+def fft_window(seen: NDArray[np.int64], start: int, stop: int, interval_s: float) -> tuple[int, int]:
+    """The part of samples [start, stop) that `fft` is fitted to; seen (n,): those that were observed, ascending."""
+    return fit_window(*without_pauses(seen, start, stop, interval_s), interval_s)
 
 
 def fit_window(start: int, stop: int, interval_s: float) -> tuple[int, int]:
@@ -23,3 +34,26 @@ def fit_window(start: int, stop: int, interval_s: float) -> tuple[int, int]:
     if days < 1:
         return start, stop
     return max(start, stop - round(days * DAY_S / interval_s)), stop
+
+
+def without_pauses(seen: NDArray[np.int64], start: int, stop: int, interval_s: float) -> tuple[int, int]:
+    """The part of samples [start, stop) that no pause takes up most of.
+
+    While a pause is longer than PAUSE_S and than half of the part, the side of it on which less was observed is left
+    out. A transform that is mostly mask has its peaks smeared over many bins.
+
+    >>> without_pauses(np.r_[0:40, 400], 0, 401, 86_400.0)
+    (0, 40)
+    >>> without_pauses(np.arange(0, 400, 10), 0, 400, 86_400.0)
+    (0, 400)
+    """
+    while True:
+        edge = np.concatenate(([start - 1], seen, [stop]))
+        longest = int(np.argmax(np.diff(edge)))
+        pause = int(edge[longest + 1] - edge[longest]) - 1
+        if pause * interval_s <= PAUSE_S or 2 * pause <= stop - start or not seen.size:
+            return start, stop
+        if 2 * longest > seen.size:
+            seen, stop = seen[:longest], int(edge[longest]) + 1
+        else:
+            seen, start = seen[longest:], int(edge[longest + 1])

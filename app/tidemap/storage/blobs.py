@@ -12,6 +12,7 @@ from tidemap.history.measurements import Measurements
 from tidemap.history.patterns import distinct, fill_unobserved, transpose
 from tidemap.history.segment import SEGMENT_SAMPLES, Segment
 from tidemap.history.snapshot import plane_cells, seen_plane
+from tidemap.history.timebase import TimeBase
 from tidemap.spectral.spectrum import Spectrum
 from tidemap.storage.codec import QUICK, SMALL, seal, unseal
 
@@ -81,7 +82,7 @@ def _repeated(time: NDArray[np.float64], run: NDArray[np.uint32]) -> NDArray[np.
 
 
 def pack_spectrum(spectrum: Spectrum) -> bytes:
-    """All arrays of the spectrum and its scalars."""
+    """All arrays of the spectrum and its scalars; the time base is its location's."""
     return seal(
         {
             "link": np.array(spectrum.link.encode()),
@@ -93,14 +94,15 @@ def pack_spectrum(spectrum: Spectrum) -> bytes:
     )
 
 
-def unpack_spectrum(blob: bytes, what: str) -> Spectrum:
-    """The inverse of `pack_spectrum`."""
+def unpack_spectrum(blob: bytes, what: str, base: TimeBase) -> Spectrum:
+    """The inverse of `pack_spectrum`, for a location with this time base."""
     columns = cast(dict[str, Any], unseal(blob, what, *_SPECTRUM, "link", "origin_s", "time_zone"))
     return Spectrum(
         link=columns["link"].item().decode(),
         origin_s=columns["origin_s"].item(),
         time_zone=columns["time_zone"].item().decode() or None,
         **{name: columns[name] for name in _SPECTRUM},
+        base=base,
     )
 
 

@@ -13,6 +13,7 @@ from sqlalchemy import RowMapping
 from tidemap.errors import CorruptChunkError
 from tidemap.history.timebase import TimeBase
 from tidemap.space.grid import SINGLE, GridGeometry
+from tidemap.spectral.conditioning import UNLEARNED, Persistence
 from tidemap.spectral.recipe import Recipe
 from tidemap.storage.blobs import unpack_json
 
@@ -63,6 +64,11 @@ class LocationRecord:
         return self.grid or SINGLE
 
     @property
+    def observations(self) -> int:
+        """Measurements that were posted and not deleted since."""
+        return self.measurements - self.deleted
+
+    @property
     def n_cells(self) -> int:
         """Number of cells."""
         return self.cells.n_cells
@@ -102,7 +108,10 @@ def grid_of(text: str | None) -> GridGeometry | None:
 
 @dataclass(frozen=True)
 class RevisionRecord:
-    """One update: samples [start, stop) were fitted; `observation_seq` and `measurements` were known then."""
+    """One update: samples [start, stop) were fitted; `observation_seq` and `measurements` were known then.
+
+    persistence: how long states last, as the update learned it; by default what is believed without having learned.
+    """
 
     location_id: int
     revision: int
@@ -114,6 +123,7 @@ class RevisionRecord:
     accuracy: float | None
     updated_at: float
     selection: dict[str, Any] | None
+    persistence: Persistence = UNLEARNED
 
     @classmethod
     def of(cls, row: RowMapping) -> "RevisionRecord":
@@ -121,7 +131,9 @@ class RevisionRecord:
         what = f"revision {row['revision']}"
         recipe = Recipe.from_dict(unpack_json(row["recipe"], f"the recipe of {what}"))
         selection = row["selection"] and unpack_json(row["selection"], f"the selection of {what}")
-        return cls(**{**row, "recipe": recipe, "selection": selection})
+        learned = row["persistence"]
+        persistence = Persistence(**unpack_json(learned, f"the persistence of {what}")) if learned else UNLEARNED
+        return cls(**{**row, "recipe": recipe, "selection": selection, "persistence": persistence})
 
     @property
     def estimator(self) -> str:

@@ -88,6 +88,7 @@ source = Table(
     Column("name", String(128), primary_key=True),
     Column("first_time", Float(53), nullable=False),
     Column("last_time", Float(53), nullable=False),
+    sqlite_with_rowid=False,
 )
 
 # Cell-major history: one row per chunk of cells and segment of samples.
@@ -114,6 +115,7 @@ revision = Table(
     Column("accuracy", Float(53)),
     Column("updated_at", Float(53), nullable=False),
     Column("selection", LargeBinary),
+    Column("persistence", LargeBinary),
 )
 
 spectrum = Table(

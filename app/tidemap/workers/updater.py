@@ -101,13 +101,11 @@ class Updater:
 
 
 def is_due(ctx: Context, location: LocationRecord, revision: RevisionRecord | None) -> bool:
-    """Whether the history has grown enough since the last update, or for the first one."""
+    """Whether the history has grown, or lost, enough since the last update, or grown enough for the first one."""
     settings = ctx.settings
-    if location.first_time is None or location.last_time is None:
-        return False
     if revision is None:
-        return (location.last_time - location.first_time) / location.interval_s >= settings.update_samples
-    grown = location.measurements - revision.measurements
+        return location.observations >= settings.update_samples
+    grown = abs(location.observations - revision.measurements)
     age_s = ctx.clock() - revision.updated_at
     enough = grown >= settings.update_growth * revision.measurements or (grown and age_s >= settings.update_latest_s)
     return bool(enough) and age_s >= settings.update_rest_s

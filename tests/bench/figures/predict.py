@@ -3,6 +3,7 @@
 import numpy as np
 
 from tests.bench.timing import Figure, interleaved
+from tidemap.history.timebase import TimeBase
 from tidemap.spectral.prediction import predict
 from tidemap.spectral.spectrum import Spectrum
 
@@ -23,6 +24,7 @@ def grid(n_waves: int = N_WAVES, order: int = ORDER) -> Spectrum:
         cell=np.arange(N_CELLS, dtype=np.int32),
         index=random.integers(0, n_waves, (N_CELLS, order), np.uint16),
         coefficient=parts.view(np.complex64)[:, :, 0],
+        base=TimeBase(0.0, 1.0),
     )
 
 

@@ -13,6 +13,7 @@ from tests.bench.load import Target, floor_server, request
 from tests.bench.timing import Figure, quantile
 from tests.support.contexts import opened
 from tests.support.server import ServerProcess
+from tidemap.history.timebase import TimeBase
 from tidemap.media_types import ARROW
 from tidemap.schemas.locations import Grid, LocationForm
 from tidemap.services.context import Context
@@ -71,6 +72,7 @@ def some(random: np.random.Generator, n_cells: int) -> Spectrum:
         cell=cell,
         index=random.integers(0, 1008, (cell.size, ORDER), np.uint16),
         coefficient=parts.view(np.complex64)[:, :, 0],
+        base=TimeBase(0.0, 1.0),
     )
 
 

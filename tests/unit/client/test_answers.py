@@ -11,6 +11,8 @@ from tidemap.media_types import ARROW
 
 META = {
     "time": "2026-03-01T09:00:00Z",
+    "as_of": "2026-03-01T08:00:00Z",
+    "given": "observations",
     "confidence": 0.9,
     "estimator": "fft",
     "order": 3,
@@ -42,7 +44,8 @@ def test_a_state_carries_its_columns_and_metadata() -> None:
     assert (state.time, state.revision, state.shape, state.order) == (1772355600, 7, (2, 2), 3)
     assert (state.estimator, state.confidence) == ("fft", 0.9)
     assert state.verdict.tolist() == ["uncertain", "occupied"]
-    assert (state.observed, state.observed_time) == (None, None)
+    assert (state.observed, state.observed_time, state.last_seen) == (None, None, None)
+    assert (state.as_of, state.given) == (1772352000, "observations")
     assert state.unavailable.tolist() == [[1, 3]]
 
 
@@ -90,6 +93,8 @@ def test_a_prediction_is_cells_by_times() -> None:
         "probability": [[0.0, 0.5, 1.0], [None, None, None]],
         "state": [[0, 0, 1], [None, None, None]],
         "entropy": [[0.0, 1.0, 0.0], [None, None, None]],
+        "as_of": "2026-03-01T08:00:00Z",
+        "given": "model",
         "revision": 2,
         "unavailable": [[5, 8], [9, 10]],
     }
@@ -100,6 +105,7 @@ def test_a_prediction_is_cells_by_times() -> None:
     assert np.isnan(prediction.entropy[1]).all()
     assert prediction.unavailable.tolist() == [[5, 8], [9, 10]]
     assert (prediction.cell.tolist(), prediction.revision, prediction.confidence) == ([4, 9], 2, 0.9)
+    assert (prediction.as_of, prediction.given) == (1772352000, "model")
 
 
 def test_a_prediction_of_no_cells_keeps_its_shape() -> None:
@@ -110,6 +116,8 @@ def test_a_prediction_of_no_cells_keeps_its_shape() -> None:
         "probability": [],
         "state": [],
         "entropy": [],
+        "as_of": "2026-03-01T08:00:00Z",
+        "given": "model",
         "revision": 1,
         "unavailable": [],
     }
@@ -133,9 +141,10 @@ def test_a_series_marks_what_is_unknown() -> None:
 
 def test_json_says_the_same_as_arrow() -> None:
     seen = columns(observed=pa.array([1, None], pa.int8()), observed_time=pa.array([60.0, None]))
+    seen["last_seen"] = pa.array([None, 120.0])
     said = META | {name: column.to_pylist() for name, column in seen.items()}
     one, other = answers.state(state_bytes(**seen), ARROW), answers.state(json.dumps(said).encode(), "application/json")
-    for name in ("cell", "probability", "state", "verdict", "observed", "observed_time", "unavailable"):
+    for name in ("cell", "probability", "state", "verdict", "observed", "observed_time", "last_seen", "unavailable"):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
         assert getattr(one, name).dtype.kind == getattr(other, name).dtype.kind
     assert (one.time, one.shape, one.revision) == (other.time, other.shape, other.revision)

@@ -135,6 +135,16 @@ def test_update_waits_no_longer_than_asked(wait: float) -> None:
     assert len(script.received) <= 4
 
 
+def test_a_deletion_names_its_time_in_unix_seconds_and_its_robot() -> None:
+    with scripted(Said(body={"deleted": 3})) as script, Client(script.url) as client:
+        assert client.location("lab").delete_observations(0, "1970-01-01T00:01:00Z", "spot").deleted == 3
+    (request,) = script.received
+    assert (request.method, request.path) == (
+        "DELETE",
+        "/api/v1/locations/lab/observations?start=0.0&stop=60.0&source=spot",
+    )
+
+
 def test_a_renamed_location_keeps_its_handle() -> None:
     location = {
         "name": "new",

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tests.support.contexts import make_location, post_rows, post_states, refit
+from tests.support.truth import share
 from tidemap.errors import AnomalyNotFoundError, InvalidInputError, LocationNotFoundError, NoModelError
 from tidemap.services import detect as detect_module
 from tidemap.services.anomalies import EventQuery, acknowledge, list_events
@@ -71,8 +72,8 @@ def test_an_event_tells_its_cells_and_how_surprising_they_were(ctx: Context) -> 
     refit(ctx, "lab", estimator="static")
     ((event,), _) = detect(ctx, "lab", DetectQuery(0.0, 600.0, confidence=0.7))
     assert (event.start, event.stop, event.cells.tolist(), event.observed) == (300.0, 420.0, [7, 8], 1)
-    assert event.probability == pytest.approx((0.1 + 0.2 + 0.2) / 3)
-    assert event.surprise == pytest.approx(0.9)
+    assert event.probability == pytest.approx((share(1, 10) + 2 * share(2, 10)) / 3)
+    assert event.surprise == pytest.approx(1 - share(1, 10))
 
 
 def test_too_many_marks_are_refused_before_they_fill_the_memory(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:

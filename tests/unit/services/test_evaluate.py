@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.support.contexts import make_location, post_rows, post_states, refit
+from tests.support.truth import share
 from tidemap.errors import InvalidInputError, NoModelError
 from tidemap.services.context import Context
 from tidemap.services.evaluate import Comparison, EvaluateQuery, evaluate
@@ -32,8 +33,9 @@ def test_the_mean_is_scored_as_by_hand(ctx: Context) -> None:
     (row,) = ask(ctx, start=MINUTE * 100, stop=MINUTE * 105).candidates
     assert (row.estimator, row.order, row.scores.n) == ("static", 0, 4)
     assert row.scores.error == 0.25
-    assert row.scores.brier == pytest.approx((3 * 0.25**2 + 0.75**2) / 4)
-    assert row.scores.log_loss == pytest.approx(-(3 * math.log(0.75) + math.log(0.25)) / 4)
+    p = share(75, 100)
+    assert row.scores.brier == pytest.approx((3 * (1 - p) ** 2 + p**2) / 4)
+    assert row.scores.log_loss == pytest.approx(-(3 * math.log(p) + math.log(1 - p)) / 4)
 
 
 def test_the_reliability_of_the_best_is_what_happened(ctx: Context) -> None:
@@ -41,7 +43,8 @@ def test_the_reliability_of_the_best_is_what_happened(ctx: Context) -> None:
     answer = ask(ctx, start=MINUTE * 100, stop=MINUTE * 105)
     table, filled = answer.reliability, answer.reliability.count > 0
     assert table.count[filled].tolist() == [4]
-    assert table.probability_mean[filled].tolist() == table.observed_rate[filled].tolist() == [0.75]
+    assert table.observed_rate[filled].tolist() == [0.75]
+    assert table.probability_mean[filled].tolist() == pytest.approx([share(75, 100)])
     assert (answer.best.estimator, answer.best.order, answer.revision) == ("static", 0, 1)
 
 
@@ -64,7 +67,7 @@ def test_the_spectra_are_fitted_on_the_training_window_alone(ctx: Context) -> No
     make_door(ctx)
     (row,) = ask(ctx, start=MINUTE * 100, stop=MINUTE * 105, train_start=0.0, train_stop=MINUTE).candidates
     assert (row.scores.error, row.scores.n) == (0.75, 4)
-    assert row.scores.brier == 0.75
+    assert row.scores.brier == pytest.approx((3 * share(1, 1) ** 2 + share(0, 1) ** 2) / 4)
 
 
 def test_every_order_is_scored_by_its_own_prediction(ctx: Context) -> None:
@@ -101,7 +104,9 @@ def test_a_grid_is_scored_over_all_its_cells(ctx: Context) -> None:
     (row,) = ask(ctx, "lab", start=0.0, stop=MINUTE * 4).candidates
     assert row.scores.n == 9
     assert row.scores.error == pytest.approx(1 / 9)
-    assert row.scores.brier == pytest.approx((3 * 0.25**2 + 0.75**2) / 9)
+    p, free, full = share(3, 4), share(0, 4), share(1, 1)
+    squares = 3 * (1 - p) ** 2 + p**2 + 4 * free**2 + (1 - full) ** 2
+    assert row.scores.brier == pytest.approx(squares / 9)
 
 
 def test_a_large_evaluation_scores_cells_spread_evenly(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.support.contexts import NOW, history_of, make_location, post_rows, post_states, refit
+from tests.support.truth import share
 from tests.support.waiting import WAIT_S
 from tidemap.errors import (
     DomainError,
@@ -114,7 +115,9 @@ def test_only_what_stands_in_a_sample_is_judged(ctx: Context) -> None:
     answer = post_states(ctx, "door", [6000.0, 6030.0, 6060.0, 6090.0], [1, 0, 0, 1])
     (event,) = answer.anomalies
     assert (event.start, event.stop, event.observed) == (6060.0, 6120.0, 1)
-    assert (event.probability, event.surprise, event.confidence, event.rule) == (0.0, 1.0, 0.9, "surprise")
+    assert event.probability == pytest.approx(share(0, 100))
+    assert event.surprise == pytest.approx(share(100, 100))
+    assert (event.confidence, event.rule) == (0.9, "surprise")
     assert event.revision == answer.revision == 1
     assert [each.id for each in list_events(ctx, EventQuery())] == [event.id]
 

@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 
 from tests.support.contexts import compact_now, make_location, post_rows, post_states, refit
+from tests.support.truth import share
 from tidemap.errors import CellNotFoundError, InvalidInputError, LocationNotFoundError, NoModelError
 from tidemap.schemas.locations import LocationPatch
 from tidemap.services.context import Context
 from tidemap.services.locations import change_location
-from tidemap.services.predict import PredictQuery, StateQuery, predict_at, state_at
+from tidemap.services.predict import PredictQuery, predict_at
 from tidemap.services.series import SeriesQuery, series
 from tidemap.services.spectra import fitted
+from tidemap.services.state import StateQuery, state_at
 from tidemap.spectral.prediction import predict_slow
 
 DAY = 86_400.0
@@ -35,12 +37,14 @@ def test_a_state_is_the_probability_and_what_follows_from_it(ctx: Context) -> No
     assert (view.shape, view.n_cells) == ((40, 40), 1600)
     spectrum = fitted(ctx, "lab").spectrum
     np.testing.assert_allclose(view.probability, predict_slow(spectrum, 60.0 * 1003, view.cell)[:, 0], atol=1e-5)
-    assert view.probability.tolist()[3] == 1.0
+    assert view.probability.tolist()[3] == pytest.approx(share(200, 200))
     assert view.state.tolist() == (view.probability > 0.8).astype(int).tolist()
     assert (view.observed, view.observed_time) == (None, None)
     free = state_at(ctx, "lab", StateQuery(60.0 * 1013, confidence=0.6))
     assert free.verdict.tolist() == [0, 0, 0, 1]
-    assert state_at(ctx, "lab", StateQuery(60.0 * 1003, order=0)).probability.tolist() == [0.5, 0.5, 0.5, 1.0]
+    assert state_at(ctx, "lab", StateQuery(60.0 * 1003, order=0)).probability.tolist() == pytest.approx(
+        [0.5, 0.5, 0.5, share(200, 200)]
+    )
     assert state_at(ctx, "lab", StateQuery(60.0 * 1003, estimator="static")).order == 0
 
 
@@ -113,7 +117,7 @@ def test_a_series_is_prediction_and_observation_side_by_side(ctx: Context) -> No
     view = series(ctx, "door", SeriesQuery(start=-90.0, stop=300.0, step=90.0))
     assert view.time.tolist() == [-90.0, 0.0, 90.0, 180.0, 270.0]
     assert view.observed.tolist() == [NEVER, 1, 1, 0, NEVER]
-    np.testing.assert_allclose(view.probability, 2 / 3)
+    np.testing.assert_allclose(view.probability, share(2, 3))
     assert view.revision == 1
 
 
@@ -121,10 +125,10 @@ def test_a_held_state_stands_until_the_next_measurement_or_its_time_is_over(ctx:
     make_location(ctx, "door", estimator="static", missing="hold", hold_s=180.0)
     post_states(ctx, "door", [0.0, 60.0 * 5, 60.0 * 7, 60.0 * 20], [1, 1, 0, 1])
     observed = series(ctx, "door").observed.tolist()
-    assert observed == [1, 1, 1, 1, 2, 1, 1, 0, 0, 0, 0, *[2] * 9, 1]
+    assert observed == [1, 1, 1, 1, 2, 1, 1, 0, 0, 0, 0, *[2] * 9, *[1] * 4]
     part = series(ctx, "door", SeriesQuery(start=60.0 * 2, stop=60.0 * 6))
     assert part.observed.tolist() == [1, 1, 2, 1]
-    assert refit(ctx, "door").accuracy == 1 - 4 / 11
+    assert refit(ctx, "door").accuracy == 1 - 4 / 14
     # What was last seen is a measurement, not how long it is taken to stand.
     view = state_at(ctx, "door", StateQuery(60.0 * 19, observed=True))
     assert view.observed_time is not None
@@ -177,9 +181,9 @@ def test_no_answer_is_out_of_date(ctx: Context) -> None:
 
     post_states(ctx, "door", [0.0], [1])
     refit(ctx, "door")
-    assert answers() == (1, [1.0], [1], [1, 2, 2, 2, 2])
+    assert answers() == (1, [0.75], [1], [1, 2, 2, 2, 2])
     post_states(ctx, "door", [180.0], [0])
-    assert answers() == (1, [1.0], [0], [1, 2, 2, 0, 2])
+    assert answers() == (1, [0.75], [0], [1, 2, 2, 0, 2])
     refit(ctx, "door")
     assert answers() == (2, [0.5], [0], [1, 2, 2, 0, 2])
     post_states(ctx, "door", [190.0], [1])
@@ -187,7 +191,7 @@ def test_no_answer_is_out_of_date(ctx: Context) -> None:
     compact_now(ctx, "door")
     assert answers() == (2, [0.5], [1], [1, 2, 2, 1, 2])
     refit(ctx, "door", start=0.0, stop=60.0)
-    assert answers() == (3, [1.0], [1], [1, 2, 2, 1, 2])
+    assert answers() == (3, [0.75], [1], [1, 2, 2, 1, 2])
 
 
 def test_another_order_or_estimator_follows_the_update_too(ctx: Context) -> None:
@@ -197,7 +201,7 @@ def test_another_order_or_estimator_follows_the_update_too(ctx: Context) -> None
         refit(ctx, "door", order=1)
         for estimator, order in (("static", None), ("fft", 3), ("fft", 0), (None, None)):
             view = state_at(ctx, "door", StateQuery(0.0, estimator=estimator, order=order))
-            assert (view.revision, view.probability.tolist()) == (revision, [float(state)])
+            assert (view.revision, view.probability.tolist()) == (revision, pytest.approx([share(100 * state, 100)]))
 
 
 def test_one_early_measurement_does_not_fill_the_memory(ctx: Context) -> None:
@@ -210,7 +214,7 @@ def test_one_early_measurement_does_not_fill_the_memory(ctx: Context) -> None:
     assert record.stop - record.start <= 2**27 // 1024
     view = state_at(ctx, "lab", StateQuery(recent + 600.0, observed=True))
     assert view.observed is not None
-    assert (view.probability.tolist(), view.observed.tolist()) == ([0.0], [0])
+    assert (view.probability.tolist(), view.observed.tolist()) == (pytest.approx([share(0, 10)]), [0])
     assert max(history.observed.nbytes for history in _held(ctx)) < 20e6
 
 

@@ -11,10 +11,11 @@ import pytest
 from tests.support.contexts import make_location, opened, post_rows, refit
 from tidemap.formats import arrow
 from tidemap.formats.table import Labels
+from tidemap.history.timebase import TimeBase
 from tidemap.schemas.locations import LocationPatch
 from tidemap.services.context import Context
 from tidemap.services.locations import change_location
-from tidemap.services.predict import StateQuery, StateView, ask, buffer_of, state_at
+from tidemap.services.state import StateQuery, StateView, ask, buffer_of, state_at
 from tidemap.services.state_buffer import StateBuffer
 from tidemap.services.warm import warm
 from tidemap.spectral import kernels
@@ -136,6 +137,7 @@ def some_spectrum() -> Spectrum:
         cell=np.array([0, 2, 3], np.int32),
         index=np.array([[0, 1], [1, 0], [0, 1]], np.uint16),
         coefficient=np.full((3, 2), 0.1 + 0.1j, np.complex64),
+        base=TimeBase(0.0, 1.0),
     )
 
 

@@ -14,8 +14,9 @@ from tidemap.services.anomalies import EventQuery, list_events
 from tidemap.services.context import Context
 from tidemap.services.detect import DetectQuery, detect
 from tidemap.services.locations import get_location, list_locations
-from tidemap.services.predict import PredictQuery, StateQuery, predict_at, state_at
+from tidemap.services.predict import PredictQuery, predict_at
 from tidemap.services.series import SeriesQuery, series
+from tidemap.services.state import StateQuery, state_at
 
 Job = tuple[Callable[[Context, int], None], int]
 CELLS = (3, 900, 1030, 1599)

@@ -11,8 +11,8 @@ from tidemap.errors import DomainError, InvalidInputError, LocationNotFoundError
 from tidemap.history.history import UNOBSERVED
 from tidemap.services.context import Context
 from tidemap.services.locations import delete_location, find_location, get_location
-from tidemap.services.predict import StateQuery, state_at
 from tidemap.services.spectra import current_revision, fitted
+from tidemap.services.state import StateQuery, state_at
 from tidemap.services.update import UpdateRequest, run_update
 from tidemap.spectral.prediction import predict_slow
 

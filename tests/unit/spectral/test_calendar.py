@@ -72,9 +72,9 @@ def newton(
 
 
 def folded(history: History, base: TimeBase, prior: Prior, time_zone: str = LONDON) -> Weeks:
-    seen = folding.visits(history.start, history.stop, base, time_zone)
-    weight = folding.recency(seen.n_days, prior.half_life_days)[np.newaxis]
-    weeks = folding.fold(history, np.arange(history.n_cells), seen, weight)
+    seen = folding.visits(history, base, time_zone)
+    every = np.ones((1, seen.n_days), np.float32)
+    weeks = folding.fold(history, np.arange(history.n_cells), seen, every, [prior.half_life_days])
     return Weeks(weeks.n_observed[0], weeks.n_occupied[0])
 
 
@@ -121,17 +121,17 @@ def test_folding_counts_what_was_observed(interval_s: float) -> None:
     states = np.random.default_rng(3).integers(0, 3, (5, int(9.3 * 86_400 / interval_s))).astype(np.uint8)
     states[:, 40:200], states[4] = 2, 2
     history = History.from_states(states, start=-77)
-    seen = folding.visits(history.start, history.stop, base, LONDON)
+    seen = folding.visits(history, base, LONDON)
     weight = np.stack([folding.recency(seen.n_days, 3.0), np.arange(seen.n_days) % 2]).astype(np.float32)
     weeks = folding.fold(history, np.arange(5), seen, weight)
-    tau_s = civil_seconds(base.time(np.arange(history.start, history.stop)), LONDON)
+    tau_s = civil_seconds(base.middle(np.arange(history.start, history.stop)), LONDON)
     slot, day = (tau_s % waves.WEEK_S // 900).astype(int), (tau_s // 86_400).astype(int)
     visit = np.cumsum(np.diff(tau_s // 900, prepend=-1) != 0)
     for cell in range(5):
         known = states[cell] != 2
         scale = len(set(visit[known])) / max(1, known.sum())
         for row in range(2):
-            each = weight[row, day - day[0]] * scale
+            each = np.where(known, weight[row, np.searchsorted(seen.date, day).clip(max=seen.n_days - 1)], 0) * scale
             np.testing.assert_allclose(
                 weeks.n_observed[row, cell], np.bincount(slot, each * known, 672), rtol=2e-5, atol=1e-5
             )
@@ -148,11 +148,25 @@ def test_days_on_which_a_cell_was_seen_are_counted(interval_s: float) -> None:
     states[1, : states.shape[1] // 2], states[2, 1:], states[3, :-1], states[4] = 2, 2, 2, 2
     states[2, 0] = states[3, -1] = 1
     history = History.from_states(states, start=-77)
-    seen = folding.visits(history.start, history.stop, base, LONDON)
+    seen = folding.visits(history, base, LONDON)
     day = civil_seconds(base.time(np.arange(history.start, history.stop)), LONDON) // 86_400
     expected = [np.unique(day[row != 2]).size for row in states]
     np.testing.assert_array_equal(folding.days_seen(history, np.arange(5), seen), expected)
     np.testing.assert_array_equal(folding.days_seen(history, np.array([3, 1]), seen), [expected[3], expected[1]])
+
+
+@pytest.mark.parametrize("interval_s", [7.0, 300.0, 3600.0])
+@pytest.mark.parametrize("share", [0.002, 0.3, 0.95])
+def test_visits_in_which_a_cell_was_seen_are_counted(interval_s: float, share: float) -> None:
+    base, random = TimeBase(SPRING + 1234.5, interval_s), np.random.default_rng(7)
+    states = np.where(random.random((4, int(9.3 * 86_400 / interval_s))) < share, 1, 2).astype(np.uint8)
+    states[0, -3:], states[1, :2], states[2] = 1, 1, 2
+    history = History.from_states(states, start=-77)
+    slot = civil_seconds(base.middle(np.arange(history.start, history.stop)), LONDON) // 900
+    expected = [np.unique(slot[row != 2]).size for row in states]
+    seen = folding.visits(history, base, LONDON)
+    np.testing.assert_array_equal(folding.visits_seen(history, np.arange(4), seen), expected)
+    np.testing.assert_array_equal(folding.visits_seen(history, np.array([3, 1]), seen), [expected[3], expected[1]])
 
 
 def test_a_daily_rhythm_stays_on_the_clock_over_the_change_to_summer_time() -> None:

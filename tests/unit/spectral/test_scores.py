@@ -89,19 +89,32 @@ def test_auto_takes_the_mean_of_noise() -> None:
     assert choose(History.from_states(states), HOURLY).estimator == "static"
 
 
+def few_readings(n: int) -> History:
+    """So many, over months."""
+    states = np.full((1, 60 * n), 2, np.uint8)
+    states[0, ::60] = np.arange(n) % 2
+    return History.from_states(states)
+
+
 @pytest.mark.parametrize(
     ("history", "reason"),
     [
         (daily(1), "less than 2 days"),
         (daily(5).cells([2]), "no cell has changed"),
         (History.empty(3), "less than 2 days"),
-        (daily(4).window(0, 400), "nothing was observed"),
+        (daily(1).window(-400, 24), "seen on less than 2 days"),
+        (few_readings(23), "only 23 readings"),
     ],
 )
 def test_auto_says_why_it_cannot_try(history: History, reason: str) -> None:
     chosen = choose(history, HOURLY)
     assert (chosen.estimator, chosen.order) == ("static", 0)
     assert reason in chosen.reason
+
+
+def test_auto_tries_what_was_seen_whatever_lies_between() -> None:
+    assert choose(few_readings(24), HOURLY).table
+    assert choose(daily(4).window(0, 400), HOURLY).estimator == "fft"
 
 
 def test_auto_repeats_itself() -> None:

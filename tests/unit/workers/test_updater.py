@@ -35,7 +35,7 @@ from tidemap.services import jobs as jobs_service
 from tidemap.services.context import Context
 from tidemap.services.jobs import cancel_job, claim_job, get_job, list_jobs, request_update
 from tidemap.services.locations import delete_location, find_location, get_location
-from tidemap.services.predict import StateQuery, state_at
+from tidemap.services.state import StateQuery, state_at
 from tidemap.services.update import UpdateRequest, run_update
 from tidemap.services.update_task import ChunkFit, run_task
 from tidemap.spectral.recipe import Recipe
@@ -71,15 +71,19 @@ def revision_of(location: LocationRecord, **changes: Any) -> RevisionRecord:
     return replace(made, **changes)
 
 
-@pytest.mark.parametrize(
-    ("first", "last", "due"),
-    [(None, None, False), (0.0, 0.0, False), (0.0, 47 * 60.0, False), (0.0, 48 * 60.0, True), (-9e9, 0.0, True)],
-)
-def test_the_first_update_is_due_once_the_history_is_long_enough(
-    ctx: Context, first: float | None, last: float | None, due: bool
+@pytest.mark.parametrize(("measurements", "due"), [(0, False), (1, False), (2, True), (50, True)])
+@pytest.mark.parametrize("span_s", [60.0, 9e9])
+def test_the_first_update_is_due_once_there_are_measurements_however_far_apart(
+    ctx: Context, measurements: int, span_s: float, due: bool
 ) -> None:
-    location = location_of(ctx, first_time=first, last_time=last, measurements=50)
+    location = location_of(ctx, first_time=0.0, last_time=span_s, measurements=measurements)
     assert is_due(ctx, location, None) is due
+
+
+def test_more_may_be_asked_for(database_url: str) -> None:
+    with opened(database_url, update_samples=48) as ctx:
+        assert not is_due(ctx, location_of(ctx, measurements=47), None)
+        assert is_due(ctx, replace(find_location(ctx, "door"), measurements=48), None)
 
 
 @pytest.mark.parametrize(
@@ -102,20 +106,29 @@ def test_another_is_due_when_the_history_has_grown_enough_or_long_ago(
     assert is_due(ctx, location, revision_of(location)) is due
 
 
+@pytest.mark.parametrize(("deleted", "later_s", "due"), [(0, 1e9, False), (1, 86_400.0, True), (100, 30.0, True)])
+def test_another_is_due_when_measurements_were_deleted(
+    ctx: Context, clock: Clock, deleted: int, later_s: float, due: bool
+) -> None:
+    location = location_of(ctx, first_time=0.0, last_time=1e6, measurements=1000, deleted=deleted)
+    clock.now += later_s
+    assert is_due(ctx, location, revision_of(location)) is due
+
+
 def test_posts_become_a_model_without_anybody_asking(lively: Context, clock: Clock) -> None:
     make_location(lively, "door", estimator="static")
     with working(lively):
-        post_states(lively, "door", 60.0 * np.arange(40), np.ones(40))
+        post_states(lively, "door", [0.0], [1])
         time.sleep(0.1)
         assert find_location(lively, "door").revision == 0
-        post_states(lively, "door", 60.0 * np.arange(40, 60), np.ones(20))
+        post_states(lively, "door", 60.0 * np.arange(1, 60), np.ones(59))
         until(lambda: find_location(lively, "door").revision == 1)
         post_states(lively, "door", 60.0 * np.arange(60, 80), np.zeros(20))
         time.sleep(0.1)
         assert find_location(lively, "door").revision == 1, "the last update has not rested"
         clock.now += 60
         until(lambda: find_location(lively, "door").revision == 2)
-    assert state_at(lively, "door", StateQuery(0.0)).probability.tolist() == [0.75]
+    assert state_at(lively, "door", StateQuery(0.0)).probability.tolist() == [np.float32(60.5 / 81)]
     assert {job.state for job in list_jobs(lively, None, 10)} == {"done"}
     assert len(list_jobs(lively, None, 10)) == 2
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from tidemap.errors import LocationNotFoundError
-from tidemap.services import anomalies, locations, predict
+from tidemap.services import anomalies, locations, state
 from tidemap.services.anomalies import Anomaly
 from tidemap.services.context import Context
 from tidemap.services.locations import LocationSummary
@@ -77,13 +77,13 @@ class Services:
 
     def state(self, question: Question) -> ViewedState:
         """The state at a time."""
-        query = predict.StateQuery(
+        query = state.StateQuery(
             time=question.time,
             confidence=question.confidence,
             order=question.order,
             observed=question.observed,
         )
-        return predict.state_at(self._ctx, question.location, query)
+        return state.state_at(self._ctx, question.location, query)
 
     def events(self, name: str, start: float) -> list[Anomaly]:
         """Anomalies since `start`."""

@@ -1,5 +1,6 @@
 """Questions: state, predict, series, model, evaluate."""
 
+from dataclasses import replace
 from functools import partial
 from typing import Annotated, Any
 
@@ -29,18 +30,9 @@ from tidemap.schemas.locations import Confidence, EstimatorName
 from tidemap.services.context import Context
 from tidemap.services.evaluate import EvaluateQuery, evaluate
 from tidemap.services.model import model_of
-from tidemap.services.predict import (
-    Asked,
-    PredictQuery,
-    StateFacts,
-    StateQuery,
-    ask,
-    buffer_of,
-    grid_of,
-    predict_at,
-    view_of,
-)
+from tidemap.services.predict import PredictQuery, predict_at
 from tidemap.services.series import SeriesQuery, series
+from tidemap.services.state import Asked, StateFacts, StateQuery, ask, buffer_of, grid_of, view_of
 
 router = APIRouter(prefix="/locations/{name}", tags=["maps"], route_class=FormRoute)
 Order = Annotated[int | None, Query(ge=0, le=64, description="Default: the revision's.")]
@@ -64,10 +56,27 @@ async def state(
     estimator: EstimatorName | None = None,
     bbox: Annotated[str | None, Query(description="x0,y0,z0,x1,y1,z1 in metres.")] = None,
     observed: Annotated[bool, Query(description="Add what was last seen at that time.")] = False,
+    as_of: Annotated[
+        str | None, Query(description="Use the readings at or before this moment; by default now.")
+    ] = None,
+    given: Annotated[
+        maps.Given, Query(description="model: the rhythm alone, whatever was read last.")
+    ] = "observations",
+    last_seen: Annotated[bool, Query(description="Add when each cell was read last, at or before `as_of`.")] = False,
 ) -> Response:
-    """The state at a time, past or future, with a confidence; by default now."""
+    """The state at a time, past or future, with a confidence, given what was read last; by default now."""
     seconds = query_time("time", time)
-    query = StateQuery(ctx.clock() if seconds is None else seconds, confidence, order, estimator, _box(bbox), observed)
+    query = StateQuery(
+        ctx.clock() if seconds is None else seconds,
+        confidence,
+        order,
+        estimator,
+        _box(bbox),
+        observed,
+        query_time("as_of", as_of),
+        given,
+        last_seen,
+    )
     answer = run_in_threadpool(lambda: _answer(request, ctx, ask(ctx, name, query, asker.claim)))
     return await confirming(request, asker, answer)
 
@@ -77,7 +86,8 @@ def _answer(request: Request, ctx: Context, asked: Asked) -> Response:
     encode = partial(_encode, ctx, asked, facts, media_type)
     if asked.query.observed:
         return encode()
-    key = (facts.location_id, facts.revision, asked.query, media_type, facts.confidence, facts.unavailable)
+    query, read = replace(asked.query, as_of=None), asked.readings_version()
+    key = (facts.location_id, facts.revision, query, media_type, facts.confidence, facts.unavailable, read)
     return with_etag(request, key, encode)
 
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Query, Request, Response
 
 from tidemap.api.auth import confirming
-from tidemap.api.dependencies import Admin, Ctx, Robot, parse_query_time, posted_body
+from tidemap.api.dependencies import Admin, Ctx, RequiredTime, Robot, posted_body
 from tidemap.api.long_questions import answered
 from tidemap.api.parameters import StrictRoute
 from tidemap.api.state import state_of
@@ -99,8 +99,8 @@ async def delete(
     request: Request,
     ctx: Ctx,
     admin: Admin,
-    start: Annotated[str, Query(description="Unix seconds, or ISO 8601 with a zone.")],
-    stop: Annotated[str, Query(description="The same; what was measured at this time stays.")],
+    start: RequiredTime,
+    stop: RequiredTime,
     source: Annotated[
         Text | None, Query(min_length=1, max_length=128, description="The robot's name; default: of all of them.")
     ] = None,
@@ -110,7 +110,7 @@ async def delete(
     Of a source alone what can be told apart: where its measurements are compacted together with those of others, that
     is refused (422). The model learns of it with its next update.
     """
-    what = Deletion(parse_query_time("start", start), parse_query_time("stop", stop), source)
+    what = Deletion(start, stop, source)
     work = partial(delete_observations, ctx, name, what, by=admin.name)
     return Deleted(deleted=await answered(request, lambda check: work(check=check)))
 

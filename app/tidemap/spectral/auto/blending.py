@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tidemap.spectral.auto.trials import SHORT_DAYS, Task, losses
 from tidemap.spectral.calendar import folding, level, waves
-from tidemap.spectral.calendar.estimator import fit_calendar, kept_columns, kinds
+from tidemap.spectral.calendar.estimator import fit_calendar, kept_columns, kinds, resolved_columns
 from tidemap.spectral.calendar.folding import Weeks
 from tidemap.spectral.calendar.logistic import evaluate, fit_rows
 from tidemap.spectral.calendar.periods import find_period
@@ -145,7 +145,7 @@ def _with_period(task: Task, mixed: Blend) -> Blend:
 
 def _levelled(task: Task, mixed: Blend) -> Blend:
     """The same with the share of the last day's departure that predicted well, and with `LEVEL_SD`."""
-    beta, latest = mixed.beta.copy(), _past(task, [level.HALF_LIFE_DAYS])
+    beta, latest = mixed.beta.copy(), _latest(task)
     rows = evaluate(mixed.design, beta).reshape(-1, mixed.design.shape[0])
     n_observed, n_occupied = (each.reshape(rows.shape) for each in (latest.n_observed, latest.n_occupied))
     apart = level.departures(rows, n_observed, n_occupied).reshape(*beta.shape[:2], 1)
@@ -187,6 +187,7 @@ def _fits(task: Task, priors: Sequence[Prior], design: NDArray[np.float32]) -> N
     shape = (len(task.trials), task.history.n_cells)
     lives = sorted({prior.half_life_days for prior in priors})
     past = _past(task, lives)
+    resolved = resolved_columns(task.history, task.cells, task.base, task.period_s)
     beta = np.empty((len(priors), *shape, design.shape[1]), np.float32)
     for alike in kinds(priors):
         task.check()
@@ -196,22 +197,30 @@ def _fits(task: Task, priors: Sequence[Prior], design: NDArray[np.float32]) -> N
         )
         evidence = np.repeat([np.float32(priors[i].evidence) for i in alike], shape[0] * shape[1])
         penalty = waves.penalties(priors[alike[0]], task.visits.phase is not None)
-        found = fit_rows(design, n_observed, n_occupied, evidence, penalty)
+        kept = None if resolved is None else np.tile(resolved, (len(alike) * shape[0], 1))
+        found = fit_rows(design, n_observed, n_occupied, evidence, penalty, kept)
         beta[alike] = found.reshape(len(alike), *shape, -1)
     return beta
 
 
 def _past(task: Task, lives: Sequence[float]) -> Weeks:
     """What each trial learns from under each half-life, (n_lives, n_trials, n_cells, slots)."""
-    n_days = task.visits.n_days
-    weight = [
-        trial.learned(n_days) * folding.recency(n_days if trial.around else trial.first, life, n_days)
-        for life in lives
-        for trial in task.trials
-    ]
-    weeks = folding.fold(task.history, task.cells, task.visits, np.array(weight, np.float32))
+    learned = np.array([trial.learned(task.visits.n_days) for trial in task.trials], np.float32)
+    each_life = [life for life in lives for _ in task.trials]
+    weeks = folding.fold(task.history, task.cells, task.visits, np.tile(learned, (len(lives), 1)), each_life)
     shape = (len(lives), len(task.trials), task.history.n_cells, -1)
     return Weeks(weeks.n_observed.reshape(shape), weeks.n_occupied.reshape(shape))
+
+
+def _latest(task: Task) -> Weeks:
+    """The last days that each trial learns from, (n_trials, n_cells, slots)."""
+    visits = task.visits
+    days = [
+        level.latest_days(visits.date, visits.today if trial.around else int(visits.date[trial.first]) - 1)
+        * trial.learned(visits.n_days)
+        for trial in task.trials
+    ]
+    return folding.fold(task.history, task.cells, visits, np.array(days, np.float32))
 
 
 def _logistic(eta: NDArray[Any]) -> NDArray[np.float32]:

@@ -18,9 +18,11 @@ from tidemap.spectral.evaluation import Scores
 from tidemap.spectral.prediction import predict_times
 from tidemap.spectral.recipe import PRIORS, Prior, Recipe
 from tidemap.spectral.spectrum import truncate
-from tidemap.spectral.window import DAY_S, fit_window
+from tidemap.spectral.window import DAY_S, fft_window
 
 MIN_DAYS = 2
+MIN_READINGS = 24
+"""Samples in which something was seen, however far apart, from which on anything but the mean is tried."""
 MAX_SAMPLES = 1 << 22
 """Samples, cells times length, that are transformed in a trial."""
 MAX_FITS = 1 << 13
@@ -84,9 +86,7 @@ def choose(
     several they are those of `fft`. Another `estimator` than auto leaves only the rest open. It takes
     seconds; `check` is called meanwhile, and what it raises ends it.
     """
-    days = math.floor(history.n_samples * base.interval_s / DAY_S + 1e-9)
-    if days < MIN_DAYS:
-        few = f"less than {MIN_DAYS} days of history: the mean is all it tells"
+    if few := _too_few(history, base):
         return _without(estimator, orders, time_zone, few)
     recent = folding.recent(history, base)
     recent = recent.window(max(recent.start, recent.stop - MAX_SAMPLES), recent.stop)
@@ -95,9 +95,21 @@ def choose(
         return _without(estimator, orders, time_zone, "no cell has changed")
     most = MAX_TRIALS if changing.size <= FEW_CELLS else MAX_TRIALS // 2
     task = replace(trials.task(recent.cells(changing), base, time_zone or "UTC", most), check=check)
+    if task.visits.n_days < MIN_DAYS:
+        return _without(estimator, orders, time_zone, f"cells that changed were seen on less than {MIN_DAYS} days")
     mixed = blend(task) if time_zone is not None and estimator in ("auto", "calendar") else None
     table = tuple(_table(task, sorted(set(orders)), mixed, estimator))
     return _decide(table, task, mixed, time_zone, estimator, orders)
+
+
+def _too_few(history: History, base: TimeBase) -> str:
+    """Why a history is too short to try anything on, empty where it is not."""
+    if math.floor(history.n_samples * base.interval_s / DAY_S + 1e-9) < MIN_DAYS:
+        return f"less than {MIN_DAYS} days of history: the mean is all it tells"
+    readings = history.seen().size
+    if readings < MIN_READINGS:
+        return f"only {readings} reading{'s' * (readings != 1)} in the history: the mean is all they tell"
+    return ""
 
 
 def _without(
@@ -108,10 +120,10 @@ def _without(
     table: tuple[Row, ...] = (),
     cells: int = 0,
 ) -> Choice:
-    """The mean, or what was asked for at its least order, as nothing could be tried."""
+    """The mean, or what was asked for at the order asked for or its least, as nothing could be tried."""
     if estimator in ("auto", "static"):
         return Choice("static", 0, table, reason, cells, time_zone or "UTC")
-    order = orders[0] if len(orders) == 1 or estimator == "fft" else CALENDAR_ORDERS[0]
+    order = orders[0] if len(orders) == 1 else {"fft": 0}.get(estimator, CALENDAR_ORDERS[0])
     return Choice(estimator, order, table, reason, cells, time_zone or "UTC")
 
 
@@ -150,7 +162,7 @@ def _tried(task: Task, estimator: str, orders: Sequence[int]) -> list[NDArray[np
     for i, trial in enumerate(task.trials):
         task.check()
         past = task.past(trial)
-        window = fit_window(past.start, past.stop, task.base.interval_s)
+        window = fft_window(past.seen(), past.start, past.stop, task.base.interval_s)
         if window[0] == window[1]:
             continue
         fitted = fit(past.window(*window), estimator, max(orders), task.base)

@@ -22,7 +22,10 @@ MAX_TRIAL_DAYS = 7
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """Days [first, last) of a history are predicted: from the days before, or from all others where `around`."""
+    """Days [first, last) of a history, of those on which something was seen, are predicted.
+
+    From the days before, or from all others where `around`.
+    """
 
     first: int
     last: int
@@ -35,7 +38,7 @@ class Trial:
 
 
 def plan(n_days: int, most: int = MAX_TRIALS) -> list[Trial]:
-    """The trials of a history that touches `n_days` civil days.
+    """The trials of a history in which something was seen on `n_days` civil days; days of nothing are not counted.
 
     >>> [(trial.first, trial.last) for trial in plan(28, 4)]
     [(16, 19), (19, 22), (22, 25), (25, 28)]
@@ -61,6 +64,7 @@ class Task:
     time_zone: str
     trials: Sequence[Trial]
     truth: Weeks
+    period_s: float | None = None
     check: Callable[[], None] = lambda: None
 
     @property
@@ -70,7 +74,7 @@ class Task:
     def phased(self, period_s: float) -> "Task":
         """The same with every slot split by the phase of a period: truth (n_trials, n_cells, 672 · PHASES)."""
         split = self.visits.phased(period_s)
-        return replace(self, visits=split, truth=_truth(self.history, split, self.trials))
+        return replace(self, visits=split, period_s=period_s, truth=_truth(self.history, split, self.trials))
 
     def past(self, trial: Trial) -> History:
         """What a trial learns from; the days it predicts are unobserved."""
@@ -83,19 +87,18 @@ class Task:
     def times(self, trial: Trial) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """The slots of the week a trial predicts and the middles of the visits to them, (n,) each."""
         chosen = np.flatnonzero((self.visits.day >= trial.first) & (self.visits.day < trial.last))
-        start = np.append(0, self.visits.stop[:-1])[chosen]
-        middle = (start + self.visits.stop[chosen] - 1) / 2 + self.history.start
-        weekday = (self.visits.first_day + self.visits.day[chosen]) % folding.DAYS_A_WEEK
+        middle = (self.visits.start[chosen] + self.visits.stop[chosen] - 1) / 2 + self.history.start
+        weekday = self.visits.date[self.visits.day[chosen]] % folding.DAYS_A_WEEK
         return weekday * SLOTS_A_DAY + self.visits.slot[chosen], self.base.time(middle)
 
     def _first_sample(self, day: int) -> int:
         visit = int(np.searchsorted(self.visits.day, day))
-        return self.history.start + (int(self.visits.stop[visit - 1]) if visit else 0)
+        return self.history.start + int(self.visits.start[visit]) if visit < self.visits.day.size else self.history.stop
 
 
 def task(history: History, base: TimeBase, time_zone: str, most: int) -> Task:
     """The trials of all cells of a history."""
-    visits = folding.visits(history.start, history.stop, base, time_zone)
+    visits = folding.visits(history, base, time_zone)
     trials = plan(visits.n_days, most)
     return Task(history, base, visits, time_zone, trials, _truth(history, visits, trials))
 

@@ -12,7 +12,9 @@ from tidemap.spectral.calendar import folding, level, waves
 from tidemap.spectral.calendar.folding import Visits
 from tidemap.spectral.calendar.logistic import evaluate, fit_rows
 from tidemap.spectral.recipe import Prior, Recipe
+from tidemap.spectral.spacing import DENSE, spacing
 from tidemap.spectral.spectrum import Spectrum, compact, static
+from tidemap.spectral.static import HALF_VISIT
 
 BLOCK = 64
 FEW_PRIORS = 4
@@ -30,12 +32,12 @@ def fit_calendar(history: History, recipe: Recipe, base: TimeBase) -> Spectrum:
     """
     history = folding.recent(history, base)
     n_observed, n_occupied = history.count_observed(), history.count_occupied()
-    mean = _means(n_observed, n_occupied, base)
-    plain = replace(static(mean, 0.0, "logit"), time_zone=recipe.time_zone)
+    visits = folding.visits(history, base, recipe.time_zone).phased(recipe.period_s)
+    mean = _means(history, n_observed, n_occupied, visits, base)
+    plain = replace(static(mean, base, link="logit"), time_zone=recipe.time_zone)
     varying = np.flatnonzero((n_occupied > 0) & (n_occupied < n_observed))
     if not varying.size:
         return plain
-    visits = folding.visits(history.start, history.stop, base, recipe.time_zone).phased(recipe.period_s)
     frequency_hz, gate = waves.table(recipe.period_s)
     order = min(recipe.order, frequency_hz.size)
     index = np.zeros((varying.size, order), np.uint16)
@@ -64,19 +66,36 @@ def fit_cells(
     history: History, rows: NDArray[np.int64], visits: Visits, recipe: Recipe, base: TimeBase
 ) -> NDArray[np.float32]:
     """Coefficients (n_rows, 1 + 2 N_WAVES) of some cells: of each at most `order` waves are not 0."""
-    latest = {level.HALF_LIFE_DAYS} if recipe.carry_over else set()
-    lives = sorted(latest | {prior.half_life_days for prior in recipe.priors})
-    weight = np.stack([folding.recency(visits.n_days, life) for life in lives])
-    weeks = folding.fold(history, rows, visits, weight)
+    lives = sorted({prior.half_life_days for prior in recipe.priors})
+    every = np.ones((len(lives), visits.n_days), np.float32)
+    weeks = folding.fold(history, rows, visits, every, lives)
     by_life = {life: (weeks.n_observed[i], weeks.n_occupied[i]) for i, life in enumerate(lives)}
     design = waves.design(folding.slot_offset_s(base), visits.phase is not None)
-    beta = blend_fits(design, by_life, recipe.priors, None)
+    resolved = resolved_columns(history, rows, base, recipe.period_s)
+    beta = blend_fits(design, by_life, recipe.priors, resolved)
     if recipe.order < waves.N_WAVES:
-        kept = kept_columns(beta, recipe.order)
+        kept = kept_columns(beta, recipe.order) if resolved is None else kept_columns(beta, recipe.order) * resolved
         beta = blend_fits(design, by_life, recipe.priors, kept) if recipe.order < REFIT_BELOW else beta * kept
     if recipe.carry_over:
-        beta[:, 0] += recipe.carry_over * level.departures(evaluate(design, beta), *by_life[level.HALF_LIFE_DAYS])
+        latest = folding.fold(history, rows, visits, level.latest_days(visits.date, visits.today)[np.newaxis])
+        apart = level.departures(evaluate(design, beta), latest.n_observed[0], latest.n_occupied[0])
+        beta[:, 0] += recipe.carry_over * apart
     return beta * level.caution(recipe.level_sd, folding.days_seen(history, rows, visits))[:, np.newaxis]
+
+
+def resolved_columns(
+    history: History, rows: NDArray[np.int64], base: TimeBase, period_s: float | None
+) -> NDArray[np.float32] | None:
+    """1 for the intercept and the columns of the waves that the spacing of each cell's observations tells, else 0.
+
+    (n_rows, n_columns); None where all are resolved.
+    """
+    apart_s = spacing(history, rows) * base.interval_s
+    frequency_hz, _ = waves.table(period_s)
+    resolved = (2 * frequency_hz * apart_s[:, np.newaxis] < 1) | (apart_s[:, np.newaxis] <= base.interval_s)
+    if resolved.all():
+        return None
+    return np.concatenate((np.ones((rows.size, 1)), resolved, resolved), axis=1).astype(np.float32)
 
 
 def blend_fits(
@@ -121,11 +140,21 @@ def kinds(priors: Sequence[Prior]) -> list[list[int]]:
     return list(found.values())
 
 
-def _means(n_observed: NDArray[np.int64], n_occupied: NDArray[np.int64], base: TimeBase) -> NDArray[np.float32]:
-    """The logit of the share of occupied samples, in visits to slots, half a visit of each kind added."""
-    per_visit = max(1.0, waves.SLOT_S / base.interval_s)
-    mean = np.log((n_occupied / per_visit + 0.5) / ((n_observed - n_occupied) / per_visit + 0.5))
-    return np.where(n_observed > 0, mean, np.nan).astype(np.float32)
+def _means(
+    history: History, n_observed: NDArray[np.int64], n_occupied: NDArray[np.int64], visits: Visits, base: TimeBase
+) -> NDArray[np.float32]:
+    """The logit of the share of occupied samples, in visits to slots, half a visit of each kind added.
+
+    0 of cells that change, whose mean is fitted.
+    """
+    mean = np.where(n_observed > 0, np.float32(0), np.float32(np.nan))
+    alike = np.flatnonzero((n_observed > 0) & ((n_occupied == 0) | (n_occupied == n_observed)))
+    n_visits = n_observed[alike] / max(1.0, waves.SLOT_S / base.interval_s)
+    sparse = np.flatnonzero(n_observed[alike] < DENSE * history.n_samples)
+    n_visits[sparse] = folding.visits_seen(history, alike[sparse], visits)
+    side = np.where(n_occupied[alike] > 0, 1, -1)
+    mean[alike] = side * np.log((n_visits + HALF_VISIT) / HALF_VISIT)
+    return mean
 
 
 def _magnitude(beta: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -22,6 +22,15 @@ MAX_DEPARTURE: Final = 1.0
 STEPS = 8
 
 
+def latest_days(date: NDArray[np.int64], today: int) -> Vector:
+    """The weights of days (n_days,) by their date: 1 of today, 0 of later ones.
+
+    By the calendar, whether something was seen meanwhile or not: moods do not outlast a pause.
+    """
+    age = today - date
+    return np.asarray(np.where(age >= 0, 2.0 ** (-np.maximum(age, 0) / HALF_LIFE_DAYS), 0), np.float32)
+
+
 def departures(eta: Matrix, n_observed: Matrix, n_occupied: Matrix) -> Vector:
     """What, added to the logits of every row (n_rows, n_slots), makes the visits of its last days likeliest.
 

@@ -1,5 +1,6 @@
 """The repository of sources: which robots measured at what time, of what the log has compacted or pruned."""
 
+from dataclasses import dataclass
 from typing import Any
 
 from sqlalchemy import Connection, case, func, select
@@ -13,24 +14,34 @@ UNKNOWN = "*"
 _OWN = func.coalesce(observation.c.source, "")
 
 
+@dataclass(frozen=True, slots=True)
+class Stint:
+    """A source measured from `first_time` to `last_time`, both included (Unix s)."""
+
+    name: str
+    first_time: float
+    last_time: float
+
+
 class SourceRepository:
     """Sources by name, '' of robots without one."""
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
 
-    def compacted(self, location: LocationRecord, start: float, stop: float) -> set[str]:
-        """Whose observations, of those that are compacted, may have measurements in [start, stop)."""
-        log = select(_OWN).where(
+    def compacted(self, location: LocationRecord, start: float, stop: float) -> list[Stint]:
+        """The observations that are compacted and may have measurements in [start, stop); of each source that the log
+        has pruned only the first and the last."""
+        log = select(_OWN, observation.c.first_time, observation.c.last_time).where(
             observation.c.location_id == location.id,
             observation.c.id <= location.compacted_seq,
             observation.c.first_time < stop,
             observation.c.last_time >= start,
         )
-        pruned = select(source.c.name).where(
+        pruned = select(source.c.name, source.c.first_time, source.c.last_time).where(
             source.c.location_id == location.id, source.c.first_time < stop, source.c.last_time >= start
         )
-        return {*self._connection.execute(log).scalars(), *self._connection.execute(pruned).scalars()}
+        return [Stint(*row) for query in (log, pruned) for row in self._connection.execute(query)]
 
     def keep(self, location_id: int, through: int) -> None:
         """Remember whose observations, up to number `through`, are about to leave the log."""

@@ -1,6 +1,6 @@
 """The repository of revisions and their spectra."""
 
-from dataclasses import fields
+from dataclasses import asdict, fields
 
 from sqlalchemy import Connection, bindparam, delete, func, insert, select, update
 
@@ -63,6 +63,7 @@ class SpectrumRepository:
         if shown.rowcount == 1:
             row = {field.name: getattr(record, field.name) for field in fields(record)}
             row["recipe"] = pack_json(record.recipe.as_dict())
+            row["persistence"] = pack_json(asdict(record.persistence))
             row["selection"] = pack_json(record.selection) if record.selection else None
             self._connection.execute(insert(revision).values(**row))
         visible = select(location_table.c.revision).where(mine).scalar_subquery()
@@ -76,4 +77,4 @@ class SpectrumRepository:
         what = f"spectrum of location {location.name!r}, chunk {chunk}"
         if payload is None:
             raise CorruptChunkError(what, f"it is missing from revision {number}")
-        return unpack_spectrum(payload, what)
+        return unpack_spectrum(payload, what, location.base)

@@ -1,0 +1,149 @@
+"""Given: the probability of cells, given what was read of them last (DESIGN 2.8)."""
+
+from dataclasses import dataclass, replace
+from typing import Literal, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tidemap.history.history import OCCUPIED
+from tidemap.services.context import Context, KeptEvidence
+from tidemap.services.history import read_times
+from tidemap.services.readings import Readings, readings_at
+from tidemap.services.spectra import Fitted
+from tidemap.spectral.conditioning import Evidence, Standing
+from tidemap.spectral.prediction import known, predict
+from tidemap.storage.records import CHUNK_CELLS, LocationRecord
+
+Given = Literal["observations", "model"]
+"""What an answer is conditioned on: what was read last of each cell, or nothing."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Known:
+    """What was read of some cells (n,) at or before a moment, as evidence for later times.
+
+    Those of `damaged` chunks look as if never read.
+    """
+
+    ctx: Context
+    model: Fitted
+    cell: NDArray[np.int64]
+    evidence: Evidence
+    damaged: list[int]
+    standing: Standing
+
+    def condition(self, probability: NDArray[np.float32], time: NDArray[np.float64]) -> NDArray[np.float32]:
+        """The model's p (n, m) at times (m,), conditioned where a time is later than a cell's reading."""
+        location = self.model.location
+        sample, persistence = location.base.sample(time), self.model.revision.persistence
+        found = self.evidence.condition(probability, sample, location.interval_s, persistence, self.standing)
+        row, column = np.nonzero(self.evidence.sample[:, np.newaxis] == sample)
+        if row.size:
+            earlier = self._read_at(row) < time[column]
+            row, column = row[~earlier], column[~earlier]
+            found[row, column] = probability[row, column]
+        return found
+
+    def at(self, probability: NDArray[np.float32], time: float) -> NDArray[np.float32]:
+        """The model's p (n,) at one time, conditioned as in `condition`."""
+        return self.condition(probability[:, np.newaxis], np.array([time]))[:, 0]
+
+    def rows(self, rows: NDArray[np.int64]) -> "Known":
+        """The same of some rows, in any order."""
+        return replace(self, cell=self.cell[rows], evidence=self.evidence.rows(rows))
+
+    def _read_at(self, rows: NDArray[np.int64]) -> NDArray[np.float64]:
+        """When the cells of some rows were read, to the last bit."""
+        found = np.full(len(self.cell), np.nan)
+        pairs = np.stack((self.cell[rows] // CHUNK_CELLS, self.evidence.sample[rows]))
+        for chunk, sample in np.unique(pairs, axis=1).T.tolist():
+            mine = rows[(pairs[0] == chunk) & (pairs[1] == sample)]
+            times = read_times(self.ctx, self.model.location, chunk, sample)
+            found[mine] = times[self.cell[mine] - chunk * CHUNK_CELLS]
+        return found[rows]
+
+
+def known_at(ctx: Context, model: Fitted, cells: NDArray[np.int64], moment: float) -> Known:
+    """What was known of some cells, ascending, at a moment (Unix seconds)."""
+    location = model.location
+    kept = None
+    if location.last_time is None or moment >= location.last_time:
+        kept = _kept(ctx, model, cells)
+    if kept is None:
+        kept = _found(ctx, model, cells, moment)
+    limit = int(location.base.sample(min(moment, ctx.clock())))
+    standing = Standing(location.hold_samples or 0, limit)
+    return Known(ctx, model, cells, kept.evidence, kept.damaged, standing)
+
+
+def _found(ctx: Context, model: Fitted, cells: NDArray[np.int64], moment: float) -> KeptEvidence:
+    """What history says of some cells at a moment."""
+    readings = readings_at(ctx, model.location, moment, cells)
+    runs = readings.runs
+    age = np.where(readings.known, runs.sample - np.where(readings.known, runs.begin, 0) + 1, 0)
+    likely = _likelihood(model, cells, readings)
+    evidence = Evidence(runs.state, runs.sample, np.minimum(age, 2**32 - 1).astype(np.uint32), likely)
+    return KeptEvidence(evidence, readings.damaged)
+
+
+def _likelihood(model: Fitted, cells: NDArray[np.int64], readings: Readings) -> NDArray[np.float32]:
+    """(n,) the model's probability of each reading when it was read; 1 where there is none."""
+    runs, likely = readings.runs, np.ones(len(cells), np.float32)
+    order = np.argsort(runs.sample, kind="stable")
+    order = order[readings.known[order]]
+    sample = runs.sample[order]
+    for rows in np.split(order, np.flatnonzero(np.diff(sample)) + 1) if order.size else ():
+        time = float(model.location.base.time(runs.sample[rows[0]]))
+        p = predict(model.spectrum, time, cells[rows])
+        likely[rows] = np.where(runs.state[rows] == OCCUPIED, p, 1 - p)
+    return likely
+
+
+@dataclass(frozen=True, slots=True)
+class _Version:
+    """Evidence is out of date where one of these has changed; where only `observations` has, in some cells."""
+
+    revision: int
+    observations: int
+    first_time: float | None
+    deleted: int
+
+
+def _kept(ctx: Context, model: Fitted, cells: NDArray[np.int64]) -> KeptEvidence | None:
+    """What is kept of the latest readings of these cells; None where it is neither kept nor worth being kept."""
+    location = model.location
+    whole = known(model.spectrum)
+    key = (location.id, model.revision.recipe)
+    version = _Version(model.revision.revision, location.observation_seq, location.first_time, location.deleted)
+    if len(cells) < len(whole):
+        held = ctx.evidence.held(key, version)
+        rows = np.searchsorted(whole, cells)
+        if held is None or not np.array_equal(whole[np.minimum(rows, len(whole) - 1)], cells):
+            return None
+        return KeptEvidence(held.evidence.rows(rows), held.damaged)
+    if not np.array_equal(whole, cells):
+        return None
+    return ctx.evidence.get(key, version, lambda: _renewed(ctx, model, cells, version))
+
+
+def _renewed(ctx: Context, model: Fitted, cells: NDArray[np.int64], version: _Version) -> KeptEvidence:
+    """What is kept of an earlier version with what was read since; all of it read anew where that cannot be told."""
+    location = model.location
+    latest = location.base.epoch if location.last_time is None else location.last_time
+    before = ctx.evidence.latest((location.id, model.revision.recipe))
+    if before is not None:
+        old, kept = cast(_Version, before[0]), before[1]
+        same = replace(old, observations=version.observations) == version
+        if same and not kept.damaged and location.compacted_seq <= old.observations <= version.observations:
+            rows = np.flatnonzero(np.isin(cells, _read_since(ctx, location, old.observations), assume_unique=True))
+            new = _found(ctx, model, cells[rows], latest)
+            return KeptEvidence(kept.evidence.replaced(rows, new.evidence), new.damaged)
+    return _found(ctx, model, cells, latest)
+
+
+def _read_since(ctx: Context, location: LocationRecord, number: int) -> NDArray[np.int64]:
+    """The cells that were read in observations after one, ascending."""
+    with ctx.store.read() as work:
+        tail = work.observations.tail(replace(location, compacted_seq=number))
+    return np.unique(np.concatenate([np.zeros(0, np.uint32), *(part.cell for _, part in tail.parts)])).astype(np.int64)

@@ -1,0 +1,106 @@
+"""Readings: what was read last of each cell, as it was known at a moment."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tidemap.errors import CorruptChunkError
+from tidemap.history.history import NEVER, UNOBSERVED
+from tidemap.history.runs import LatestRuns
+from tidemap.services.context import Context
+from tidemap.services.history import read_backwards, read_times
+from tidemap.storage.records import CHUNK_CELLS, LocationRecord
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Readings:
+    """The latest runs of some cells at or before a moment; those of `damaged` chunks look as if never read."""
+
+    runs: LatestRuns
+    damaged: list[int]
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """(n,) which cells were read."""
+        return np.asarray(self.runs.state != UNOBSERVED)
+
+
+def readings_at(ctx: Context, location: LocationRecord, moment: float, cells: NDArray[np.int64]) -> Readings:
+    """The latest readings at or before `moment` (Unix seconds) of some cells, ascending."""
+    runs, damaged = LatestRuns.none(len(cells)), []
+    borders = np.searchsorted(cells, np.arange(location.n_chunks + 1) * CHUNK_CELLS)
+    for chunk in np.flatnonzero(np.diff(borders)).tolist():
+        rows = slice(borders[chunk], borders[chunk + 1])
+        try:
+            runs.put(np.arange(rows.start, rows.stop), _of_chunk(ctx, location, chunk, moment, cells[rows]))
+        except CorruptChunkError:
+            damaged.append(chunk)
+    return Readings(runs, damaged)
+
+
+def _of_chunk(
+    ctx: Context, location: LocationRecord, chunk: int, moment: float, cells: NDArray[np.int64]
+) -> LatestRuns:
+    """The runs of some cells of one chunk."""
+    local, sample = cells - chunk * CHUNK_CELLS, int(location.base.sample(moment))
+    runs = _followed(ctx, location, chunk, sample, local)
+    if (later := _read_later(ctx, location, chunk, moment)) is not None:
+        again = np.flatnonzero(later[local])
+        runs.put(again, _followed(ctx, location, chunk, sample - 1, local[again]))
+    return runs
+
+
+def _followed(ctx: Context, location: LocationRecord, chunk: int, sample: int, local: NDArray[np.int64]) -> LatestRuns:
+    """The runs at or before a sample, followed back as far as some may be longer."""
+    runs, open_ = LatestRuns.none(len(local)), np.arange(len(local))
+    for piece in read_backwards(ctx, location, chunk, sample) if len(local) else ():
+        some = runs.cells(open_)
+        some.extend(piece.cells(local[open_]), sample)
+        runs.put(open_, some)
+        open_ = open_[~some.whole]
+        if not open_.size:
+            break
+    return runs
+
+
+def _read_later(ctx: Context, location: LocationRecord, chunk: int, moment: float) -> NDArray[np.bool_] | None:
+    """Which cells of a chunk were read after `moment`, but in its sample; None where nothing was."""
+    if location.last_time is None or location.last_time <= moment:
+        return None
+    with np.errstate(invalid="ignore"):
+        return np.asarray(read_times(ctx, location, chunk, int(location.base.sample(moment))) > moment)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LastSeen:
+    """state (n,) uint8 and sample (n,) int64: UNOBSERVED and NEVER where there is none, or its chunk is damaged."""
+
+    state: NDArray[np.uint8]
+    sample: NDArray[np.int64]
+    damaged: list[int]
+
+
+def last_seen(ctx: Context, location: LocationRecord, sample: int, cells: NDArray[np.int64]) -> LastSeen:
+    """The latest measurement at or before `sample`, of some cells (ascending).
+
+    Reads segments backwards, as far as some cell has not been found.
+    """
+    damaged = []
+    state = np.full(len(cells), UNOBSERVED, np.uint8)
+    seen = np.full(len(cells), NEVER, np.int64)
+    borders = np.searchsorted(cells, np.arange(location.n_chunks + 1) * CHUNK_CELLS)
+    for chunk in np.flatnonzero(np.diff(borders)).tolist():
+        missing = np.arange(borders[chunk], borders[chunk + 1])
+        try:
+            for piece in read_backwards(ctx, location, chunk, sample):
+                found, at = piece.last_seen(sample)
+                local = cells[missing] - chunk * CHUNK_CELLS
+                state[missing], seen[missing] = found[local], at[local]
+                missing = missing[seen[missing] == NEVER]
+                if not missing.size:
+                    break
+        except CorruptChunkError:
+            damaged.append(chunk)
+            state[missing] = UNOBSERVED
+    return LastSeen(state, seen, damaged)

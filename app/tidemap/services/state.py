@@ -1,0 +1,218 @@
+"""Questions about the state of a whole map at one time (Eq. 3)."""
+
+from dataclasses import dataclass, fields
+from weakref import ref
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tidemap.errors import InvalidInputError
+from tidemap.history.history import NEVER
+from tidemap.services.buffer_pool import BufferLease
+from tidemap.services.context import Context
+from tidemap.services.given import Given, Known, known_at
+from tidemap.services.keys import Claim
+from tidemap.services.readings import last_seen
+from tidemap.services.spectra import Fitted, fitted
+from tidemap.services.state_buffer import StateBuffer
+from tidemap.spectral.prediction import known, predict, state, verdict
+from tidemap.storage.records import LocationRecord
+
+
+@dataclass(frozen=True, slots=True)
+class StateQuery:
+    """A question for one time (Unix seconds). `bbox` is [x0,y0,z0,x1,y1,z1] in metres; None: the location's own.
+
+    given: what the answer is conditioned on: the readings at or before `as_of` (None: now), or the model alone.
+    """
+
+    time: float
+    confidence: float | None = None
+    order: int | None = None
+    estimator: str | None = None
+    bbox: tuple[float, ...] | None = None
+    observed: bool = False
+    as_of: float | None = None
+    given: Given = "model"
+    last_seen: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StateFacts:
+    """What an answer says of itself.
+
+    unavailable: ranges [first, stop) of cells whose blobs are damaged: these are left out, or lack what was last seen.
+    """
+
+    location_id: int
+    time: float
+    as_of: float
+    given: Given
+    confidence: float
+    estimator: str
+    order: int
+    revision: int
+    shape: tuple[int, ...]
+    unavailable: list[tuple[int, int]]
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells of the whole location."""
+        return int(np.prod(self.shape, dtype=np.int64))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StateView(StateFacts):
+    """The cells that have been observed, (n,) each.
+
+    verdict: 0 free, 1 occupied, 2 uncertain. observed: as last seen at that time, 2 where never before;
+    observed_time: start of that sample, NaN where never before. last_seen: start of the sample of the latest reading at
+    or before `as_of`, NaN where there is none. None unless asked for.
+    """
+
+    cell: NDArray[np.int64]
+    probability: NDArray[np.float32]
+    state: NDArray[np.uint8]
+    verdict: NDArray[np.uint8]
+    observed: NDArray[np.uint8] | None
+    observed_time: NDArray[np.float64] | None
+    last_seen: NDArray[np.float64] | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Asked:
+    """A question, and the spectrum that answers it."""
+
+    query: StateQuery
+    model: Fitted
+    as_of: float
+
+    @property
+    def confidence(self) -> float:
+        """The question's, or the location's."""
+        return self.model.location.confidence if self.query.confidence is None else self.query.confidence
+
+    def readings_version(self) -> tuple[float, int] | None:
+        """What changes whenever other readings are used; None where none are.
+
+        Moments after all that the latest reading stands for are alike.
+        """
+        if self.query.given == "model" and not self.query.last_seen:
+            return None
+        location = self.model.location
+        stands = self.as_of if location.last_time is None else location.last_time + (location.hold_s or 0.0)
+        return min(self.as_of, stands), location.observation_seq
+
+    def facts(self) -> StateFacts:
+        """What the answer says of itself, as far as it does not say what was last seen."""
+        location, revision = self.model.location, self.model.revision
+        return StateFacts(
+            location_id=location.id,
+            time=self.query.time,
+            as_of=self.as_of,
+            given=self.query.given,
+            confidence=self.confidence,
+            estimator=revision.estimator,
+            order=revision.order,
+            revision=revision.revision,
+            shape=location.cells.shape,
+            unavailable=self.model.unavailable,
+        )
+
+
+def ask(ctx: Context, name: str, query: StateQuery, claim: Claim | None = None) -> Asked:
+    """What answers a question; nothing is computed yet.
+
+    Raises LocationNotFoundError, NoModelError, CorruptChunkError, UnauthorizedError.
+    """
+    as_of = ctx.clock() if query.as_of is None else query.as_of
+    return Asked(query, fitted(ctx, name, query.estimator, query.order, claim), as_of)
+
+
+def state_at(ctx: Context, name: str, query: StateQuery) -> StateView:
+    """The state at a time. Raises LocationNotFoundError, NoModelError, InvalidInputError."""
+    return view_of(ctx, ask(ctx, name, query))
+
+
+def view_of(ctx: Context, asked: Asked) -> StateView:
+    """The answer in arrays. Raises InvalidInputError."""
+    query, model, location = asked.query, asked.model, asked.model.location
+    cell, probability = _asked_for(ctx, asked)
+    known = _known_at(ctx, asked, cell)
+    if known is not None and query.given == "observations":
+        probability = known.at(probability, query.time)
+    seen = last_seen(ctx, location, int(location.base.sample(query.time)), cell) if query.observed else None
+    facts = asked.facts()
+    damaged = {*model.damage, *(() if seen is None else seen.damaged), *(() if known is None else known.damaged)}
+    return StateView(
+        **{each.name: getattr(facts, each.name) for each in fields(facts) if each.name != "unavailable"},
+        unavailable=location.cell_ranges(damaged),
+        cell=cell,
+        probability=probability,
+        state=state(probability, asked.confidence),
+        verdict=verdict(probability, asked.confidence),
+        observed=None if seen is None else seen.state,
+        observed_time=None if seen is None else _start(location, seen.sample),
+        last_seen=_start(location, known.evidence.sample) if known is not None and query.last_seen else None,
+    )
+
+
+def _known_at(ctx: Context, asked: Asked, cells: NDArray[np.int64]) -> Known | None:
+    """What was known of some cells as of the moment asked for, where the answer needs it."""
+    if asked.query.given == "model" and not asked.query.last_seen:
+        return None
+    return known_at(ctx, asked.model, cells, asked.as_of)
+
+
+def buffer_of(ctx: Context, asked: Asked) -> BufferLease[StateBuffer] | None:
+    """The answer as it is sent in Arrow; None where it is not about a whole map."""
+    spectrum, confidence = asked.model.spectrum, asked.confidence
+    query = asked.query
+    if query.bbox is not None or query.observed or query.last_seen or query.given == "observations":
+        return None
+    key = (asked.model.location.id, asked.model.revision.recipe, confidence)
+    lease = ctx.buffers.lease(key, ref(asked.model.loaded), lambda: StateBuffer.of(spectrum, confidence))
+    lease.value.write(spectrum, asked.query.time, ctx.settings.update_threads)
+    return lease
+
+
+def grid_of(ctx: Context, asked: Asked) -> NDArray[np.float32]:
+    """The probability of all cells, in the location's shape; NaN where never observed or outside of the box."""
+    shape, spectrum = asked.model.location.cells.shape, asked.model.spectrum
+    if asked.query.bbox is None and asked.query.given == "model":
+        return predict(spectrum, asked.query.time, threads=ctx.settings.update_threads).reshape(shape)
+    grid = np.full(spectrum.n_cells, np.nan, np.float32)
+    cell, probability = _asked_for(ctx, asked)
+    known = _known_at(ctx, asked, cell)
+    grid[cell] = probability if known is None else known.at(probability, asked.query.time)
+    return grid.reshape(shape)
+
+
+def _asked_for(ctx: Context, asked: Asked) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """The cells that have been observed, of those in the box if there is one, and their probability."""
+    spectrum, query = asked.model.spectrum, asked.query
+    if query.bbox is None:
+        return _known(predict(spectrum, query.time, threads=ctx.settings.update_threads))
+    cell = known(spectrum)
+    cell = cell[_box(asked.model.location, query.bbox, cell)]
+    return cell, predict(spectrum, query.time, cell)
+
+
+def _known(probability: NDArray[np.float32]) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """The cells that have been observed, and their probability."""
+    missing = np.isnan(probability)
+    if not missing.any():
+        return np.arange(len(probability)), probability
+    cell = np.flatnonzero(~missing)
+    return cell, probability[cell]
+
+
+def _box(location: LocationRecord, bbox: tuple[float, ...], cell: NDArray[np.int64]) -> NDArray[np.bool_]:
+    if location.grid is None:
+        raise InvalidInputError.at("bbox", "a location of kind 'state' has no extent; leave bbox out")
+    return location.grid.inside(bbox, cell)
+
+
+def _start(location: LocationRecord, sample: NDArray[np.int64]) -> NDArray[np.float64]:
+    """The times of samples, NaN for NEVER."""
+    return np.where(sample == NEVER, np.nan, location.base.time(np.where(sample == NEVER, 0, sample)))

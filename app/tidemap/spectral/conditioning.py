@@ -1,0 +1,166 @@
+"""Conditioning: the state at a time, given the latest reading of a cell (DESIGN 2.8).
+
+Read backwards from t: with probability r nothing was redrawn since the latest reading s0 at t0, so s(t) = s0;
+otherwise s0 came from the rhythm at t0. Bayes gives odds(t | s0 = 1) = odds p(t) · (1 + g) and
+odds(t | s0 = 0) = odds p(t) / (1 + g) with g = r / ((1 - r) · q), where q is p(t0) if s0 = 1, else 1 - p(t0).
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tidemap.history.history import UNOBSERVED
+from tidemap.history.jit import kernel
+
+MAX_KEPT: Final = 0.9995
+"""The most that r may be: no reading is certain for ever."""
+MIN_PROBABILITY: Final = 1e-4
+"""The least that the rhythm may believe of a state that was read, and of one that is asked for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Persistence:
+    """How long states last: r(δ, a) = min(.9995, ν ((τ + κa) / (τ + κa + δ))^α), a mixture of exponentials.
+
+    nu: the share of readings that are no flicker, in (0, 1); tau_s in seconds; alpha, kappa: without unit. A state that
+    has lasted long lasts longer by κ times that. ValueError where one of them is out of range.
+    """
+
+    nu: float = float(1 / (1 + np.exp(-2.0)))
+    tau_s: float = 1800.0
+    alpha: float = 1.0
+    kappa: float = float(np.exp(-2.0))
+
+    def __post_init__(self) -> None:
+        if not (0 < self.nu < 1 and self.tau_s > 0 and self.alpha > 0 and self.kappa >= 0):
+            raise ValueError(f"nu lies between 0 and 1, the others are positive, not {self}")
+
+    def kept(self, delta_s: ArrayLike, age_s: ArrayLike) -> NDArray[np.float64]:
+        """r: the probability that nothing was redrawn for `delta_s` seconds after a state had lasted `age_s`.
+
+        >>> Persistence(nu=0.5, tau_s=60.0, alpha=1.0, kappa=0.0).kept([0.0, 60.0, 180.0], 5.0).tolist()
+        [0.5, 0.25, 0.125]
+        """
+        scale = self.tau_s + self.kappa * np.asarray(age_s, np.float64)
+        return np.asarray(
+            np.minimum(MAX_KEPT, self.nu * (scale / (scale + np.asarray(delta_s, np.float64))) ** self.alpha)
+        )
+
+
+UNLEARNED: Final = Persistence()
+"""What is believed without having learned."""
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """How readings stand: for `hold` samples after their own, but not after sample `limit`."""
+
+    hold: int = 0
+    limit: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evidence:
+    """The latest reading of some cells, (n,) each; 17 bytes a cell.
+
+    state: uint8, UNOBSERVED where there is none. sample: int64. age: uint32, how many samples it had lasted, its own
+    included. q: float32, the model's probability of it when it was read.
+    """
+
+    state: NDArray[np.uint8]
+    sample: NDArray[np.int64]
+    age: NDArray[np.uint32]
+    q: NDArray[np.float32]
+
+    @property
+    def nbytes(self) -> int:
+        """The memory it takes."""
+        return sum(each.nbytes for each in self._columns())
+
+    def rows(self, rows: NDArray[np.int64]) -> "Evidence":
+        """That of some rows, in any order; a copy."""
+        return Evidence(self.state[rows], self.sample[rows], self.age[rows], self.q[rows])
+
+    def replaced(self, rows: NDArray[np.int64], other: "Evidence") -> "Evidence":
+        """A copy with that of `other` in some rows."""
+        copy = Evidence(self.state.copy(), self.sample.copy(), self.age.copy(), self.q.copy())
+        for mine, new in zip(copy._columns(), other._columns(), strict=True):
+            mine[rows] = new
+        return copy
+
+    def _columns(self) -> tuple[NDArray[np.generic], ...]:
+        return self.state, self.sample, self.age, self.q
+
+    def condition(
+        self,
+        p: NDArray[np.float32],
+        sample: NDArray[np.int64],
+        interval_s: float,
+        persistence: Persistence,
+        standing: Standing = Standing(),
+    ) -> NDArray[np.float32]:
+        """p (n, m) of these cells in samples (m,), given the readings of the same sample or earlier ones."""
+        out = np.empty(p.shape, np.float32)
+        learned = (persistence.nu, persistence.tau_s, persistence.alpha, persistence.kappa)
+        scale = (interval_s, standing.hold, standing.limit)
+        read = (self.state, self.sample, self.age, self.q)
+        _condition(np.ascontiguousarray(p), *read, np.ascontiguousarray(sample), scale, learned, out)
+        return out
+
+
+def condition(p: ArrayLike, q: ArrayLike, state: ArrayLike, kept: ArrayLike) -> NDArray[np.float64]:
+    """p(t) given the latest reading, of the shape of the arguments together; without exp and log.
+
+    p: the model's p(t); q: the model's probability of what was read, when it was read; state: 0 or 1; kept: r. r = 0
+    gives p, r = 1 the reading.
+
+    >>> condition([0.5, 0.5, 0.02], [0.5, 0.5, 0.02], [1, 0, 1], [0.5, 0.5, 0.5]).round(3).tolist()
+    [0.75, 0.25, 0.51]
+    """
+    bounded = np.clip(np.asarray(p, np.float64), MIN_PROBABILITY, 1 - MIN_PROBABILITY)
+    likely = np.maximum(np.asarray(q, np.float64), MIN_PROBABILITY)
+    r = np.asarray(kept, np.float64)
+    lasted = r / (1 - r)
+    occupied = np.asarray(state) != 0
+    own = np.where(occupied, bounded, 1 - bounded)
+    given = own * (likely + lasted) / (likely + own * lasted)
+    return np.asarray(np.where(occupied, given, 1 - given))
+
+
+@kernel
+def _condition(
+    p: NDArray[np.float32],
+    state: NDArray[np.uint8],
+    read: NDArray[np.int64],
+    age: NDArray[np.uint32],
+    q: NDArray[np.float32],
+    asked: NDArray[np.int64],
+    scale: tuple[float, int, int],
+    learned: tuple[float, float, float, float],
+    out: NDArray[np.float32],
+) -> None:
+    """out (n, m): `condition` of p (n, m). Neighbours are often read alike: then their r is the same."""
+    interval_s, hold, limit = scale
+    nu, tau_s, alpha, kappa = learned
+    before_delta, before_age, lasted = -1, -1, 0.0
+    for row in range(state.size):
+        until = max(read[row], min(read[row] + hold, limit))
+        lived = np.int64(age[row]) + until - read[row]
+        likely = max(np.float64(q[row]), MIN_PROBABILITY)
+        for column in range(asked.size):
+            here = p[row, column]
+            if state[row] == UNOBSERVED or asked[column] < read[row]:
+                out[row, column] = here
+                continue
+            delta = max(np.int64(0), asked[column] - until)
+            if delta != before_delta or lived != before_age:
+                before_delta, before_age = delta, lived
+                span = tau_s + kappa * lived * interval_s
+                kept = min(MAX_KEPT, nu * (span / (span + delta * interval_s)) ** alpha)
+                lasted = kept / (1 - kept)
+            bounded = min(max(np.float64(here), MIN_PROBABILITY), 1 - MIN_PROBABILITY)
+            own = bounded if state[row] else 1 - bounded
+            given = own * (likely + lasted) / (likely + own * lasted)
+            out[row, column] = given if state[row] else 1 - given

@@ -1,0 +1,115 @@
+"""Learning how long states last at a location, from pairs of readings of its history (DESIGN 2.8)."""
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.special import expit
+
+from tidemap.history.history import UNOBSERVED, History
+from tidemap.history.timebase import TimeBase
+from tidemap.spectral.conditioning import Persistence, condition
+from tidemap.spectral.prediction import predict_times
+from tidemap.spectral.spectrum import Spectrum
+from tidemap.spectral.window import DAY_S
+
+MAX_PAIRS: Final = 20_000
+MAX_DELTA_S: Final = 14 * DAY_S
+PRIOR_MEAN: Final = np.array([2.0, np.log(1800.0), 0.0, -2.0])
+"""Of logit ν, ln τ in seconds, ln α and ln κ."""
+PRIOR_SD: Final = np.array([1.5, 2.0, 1.0, 1.5])
+STEPS: Final = (0.7548776662466927, 0.5698402909980532)
+"""Of the R2 sequence, which fills a square evenly (Roberts, 2018)."""
+LEAST_P: Final = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pairs:
+    """Pairs of readings of the same cell, (n,) each, the second `delta_s` after the first.
+
+    state, age_s and q are of the first: how long it had lasted, and the model's probability of it. p and truth are of
+    the second.
+    """
+
+    state: NDArray[np.uint8]
+    age_s: NDArray[np.float64]
+    q: NDArray[np.float64]
+    delta_s: NDArray[np.float64]
+    p: NDArray[np.float64]
+    truth: NDArray[np.uint8]
+    weight: NDArray[np.float64]
+
+
+def learn_persistence(history: History, spectrum: Spectrum, base: TimeBase) -> Persistence:
+    """The mode of the log loss of pairs of readings under a normal prior, shared by the cells of a history.
+
+    spectrum: fitted to the same cells. Pairs are spread evenly in the logarithm of their distance, up to 14 days. With
+    nothing to learn from it is the mean of the prior.
+    """
+    pairs = pairs_of(history, spectrum, base)
+    if not pairs.state.size:
+        return _persistence(PRIOR_MEAN)
+
+    def cost(theta: NDArray[np.float64]) -> float:
+        p = condition(pairs.p, pairs.q, pairs.state, _persistence(theta).kept(pairs.delta_s, pairs.age_s))
+        likely = np.where(pairs.truth != 0, p, 1 - p)
+        off = np.square((theta - PRIOR_MEAN) / PRIOR_SD).sum() / 2
+        return float(off - (pairs.weight * np.log(np.maximum(likely, LEAST_P))).sum())
+
+    bounds = [(mean - 4 * sd, mean + 4 * sd) for mean, sd in zip(PRIOR_MEAN, PRIOR_SD, strict=True)]
+    return _persistence(minimize(cost, PRIOR_MEAN, method="L-BFGS-B", bounds=bounds).x)
+
+
+def _persistence(theta: NDArray[np.float64]) -> Persistence:
+    return Persistence(float(expit(theta[0])), *np.exp(theta[1:]).tolist())
+
+
+def pairs_of(history: History, spectrum: Spectrum, base: TimeBase) -> Pairs:
+    """Pairs of readings of all cells, `MAX_PAIRS` at most."""
+    some = max(1, MAX_PAIRS // max(1, history.n_cells))
+    found = [_of_cell(history, cell, spectrum, base, some) for cell in range(history.n_cells)]
+    columns = zip(*(part for part in found if part is not None), strict=True)
+    joined = [np.concatenate(column) for column in columns]
+    return Pairs(*joined) if joined else Pairs(*(np.empty(0) for _ in range(7)))  # type: ignore[arg-type]
+
+
+def _of_cell(
+    history: History, cell: int, spectrum: Spectrum, base: TimeBase, n_pairs: int
+) -> tuple[NDArray[Any], ...] | None:
+    """The columns of the pairs of one cell; None where it was read once at most."""
+    states = history.cells(np.array([cell])).states()[0]
+    seen = np.flatnonzero(states != UNOBSERVED)
+    if seen.size < 2:
+        return None
+    state = states[seen]
+    change = np.flatnonzero(np.diff(state, prepend=UNOBSERVED))
+    begin = seen[np.maximum.accumulate(np.where(np.isin(np.arange(seen.size), change), np.arange(seen.size), 0))]
+    earlier, wanted, weight = _chosen(state, seen, base.interval_s, n_pairs)
+    later = np.searchsorted(seen, seen[earlier] + wanted)
+    inside = later < seen.size
+    earlier, later, weight = earlier[inside], later[inside], weight[inside]
+    p = predict_times(spectrum, base.time(history.start + seen[np.r_[later, earlier]]), [cell])[0].astype(np.float64)
+    at_first = p[later.size :]
+    q = np.where(state[earlier] != 0, at_first, 1 - at_first)
+    age_s = (seen[earlier] - begin[earlier] + 1) * base.interval_s
+    delta_s = (seen[later] - seen[earlier]) * base.interval_s
+    return state[earlier], age_s, q, delta_s, p[: later.size], state[later], weight
+
+
+def _chosen(
+    state: NDArray[np.uint8], seen: NDArray[np.int64], interval_s: float, n_pairs: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    """Readings, half of them of each state, how many samples to look ahead, and what each of them counts."""
+    number = np.arange(1, n_pairs + 1)
+    longest = max(2.0, min(MAX_DELTA_S / interval_s, float(seen[-1] - seen[0])))
+    wanted = np.rint(longest ** (number * STEPS[0] % 1)).astype(np.int64)
+    position = number * STEPS[1] % 1
+    free, occupied = np.flatnonzero(state == 0), np.flatnonzero(state)
+    if not free.size or not occupied.size:
+        return (position * seen.size).astype(np.int64), wanted, np.ones(n_pairs)
+    first = number % 2 == 0
+    chosen = np.where(first, free[(position * free.size).astype(int)], occupied[(position * occupied.size).astype(int)])
+    weight = 2 * np.where(first, free.size, occupied.size) / seen.size
+    return chosen, wanted, weight

@@ -1,0 +1,122 @@
+"""What was read last is kept, and is what history says, whatever comes in, late or not, is compacted or deleted."""
+
+from itertools import count
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from tests.support.contexts import NOW, compact_now, make_location, opened, post_rows, post_states, refit
+from tidemap.services import given as services_given
+from tidemap.services.context import Context
+from tidemap.services.deletion import Deletion, delete_observations
+from tidemap.services.predict import PredictQuery, predict_at
+from tidemap.services.readings import Readings, readings_at
+from tidemap.services.state import StateQuery, state_at
+from tidemap.storage.records import LocationRecord
+
+SHAPE = (40, 40)
+CELLS = (0, 5, 1023, 1024, 1599)
+MINUTE = 60.0
+BEGIN = NOW - 5000 * MINUTE
+STEP = st.one_of(
+    st.tuples(
+        st.just("post"),
+        st.lists(
+            st.tuples(st.integers(-100, 300), st.floats(0, 59.9), st.sampled_from(CELLS), st.integers(0, 1)),
+            min_size=1,
+            max_size=6,
+            unique_by=lambda row: (row[0], row[1], row[2]),
+        ),
+    ),
+    st.tuples(st.just("compact"), st.none()),
+    st.tuples(st.just("refit"), st.none()),
+    st.tuples(st.just("delete"), st.integers(-100, 300)),
+    st.tuples(st.just("ask"), st.none()),
+)
+
+
+NAMES = count()
+
+
+def answers(ctx: Context, name: str) -> list[Any]:
+    """The probability of all cells at some times, given what was read last, and when that was."""
+    found: list[Any] = []
+    for ahead in (-200, 0, 1, 50, 3000):
+        time = BEGIN + MINUTE * (150 + ahead)
+        view = state_at(ctx, name, StateQuery(time, given="observations", last_seen=True))
+        assert view.last_seen is not None
+        some = predict_at(ctx, name, PredictQuery([time], view.cell[::2].tolist(), given="observations"))
+        np.testing.assert_allclose(some.probability[:, 0], view.probability[::2], atol=1e-6)
+        found += [view.cell.tolist(), view.probability.tolist(), np.nan_to_num(view.last_seen).tolist()]
+    return found
+
+
+def do(ctx: Context, name: str, step: str, what: Any) -> None:
+    match step:
+        case "post":
+            post_rows(ctx, name, [(BEGIN + MINUTE * n + s, cell, state) for n, s, cell, state in what])
+        case "compact":
+            compact_now(ctx, name)
+        case "refit":
+            refit(ctx, name)
+        case "delete":
+            delete_observations(ctx, name, Deletion(BEGIN + MINUTE * what, BEGIN + MINUTE * (what + 5)))
+
+
+@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(steps=st.lists(STEP, min_size=1, max_size=8), hold=st.booleans())
+def test_what_is_kept_is_what_is_read_anew(
+    ctx: Context, database_url: str, steps: list[tuple[str, Any]], hold: bool
+) -> None:
+    name, held = f"lab{next(NAMES)}", {"missing": "hold", "hold_s": 600.0} if hold else {}
+    make_location(ctx, name, SHAPE, estimator="fft", order=2, **held)
+    post_rows(ctx, name, [(BEGIN + MINUTE * n, cell, int(n % 20 < 10)) for n in range(100) for cell in CELLS[:4]])
+    refit(ctx, name)
+    answers(ctx, name)
+    with opened(database_url, reading_cache_bytes=0) as forgetful:
+        for step, what in steps:
+            do(ctx, name, step, what)
+            assert answers(ctx, name) == answers(forgetful, name)
+
+
+def test_a_post_is_read_and_nothing_else(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    make_location(ctx, "lab", SHAPE, estimator="static")
+    post_rows(ctx, "lab", [(BEGIN + MINUTE * n, cell, n % 2) for n in range(10) for cell in CELLS])
+    refit(ctx, "lab")
+    answers(ctx, "lab")
+    asked: list[list[int]] = []
+
+    def counted(ctx: Context, location: LocationRecord, moment: float, cells: NDArray[np.int64]) -> Readings:
+        asked.append(cells.tolist())
+        return readings_at(ctx, location, moment, cells)
+
+    monkeypatch.setattr(services_given, "readings_at", counted)
+    post_rows(ctx, "lab", [(BEGIN + MINUTE * 11, cell, 1) for cell in (5, 1599)])
+    before = answers(ctx, "lab")
+    assert asked == [[5, 1599]]
+    assert answers(ctx, "lab") == before
+    assert asked == [[5, 1599]]
+    # As of an earlier moment history is asked.
+    state_at(ctx, "lab", StateQuery(NOW, given="observations", as_of=BEGIN + MINUTE * 5))
+    assert asked[1:] == [list(CELLS)]
+
+
+def test_what_is_read_after_the_moment_is_not_known(ctx: Context) -> None:
+    make_location(ctx, "door", estimator="static")
+    post_states(ctx, "door", [BEGIN + 10.0, BEGIN + 70.0, BEGIN + 130.0], [0, 1, 1])
+    refit(ctx, "door")
+
+    def p(time: float, as_of: float) -> float:
+        query = StateQuery(BEGIN + time, given="observations", as_of=BEGIN + as_of)
+        return float(state_at(ctx, "door", query).probability[0])
+
+    model = float(state_at(ctx, "door", StateQuery(BEGIN)).probability[0])
+    assert p(200.0, 9.9) == model, "nothing was read by then"
+    assert p(200.0, 10.0) < model < p(200.0, 70.0) < p(200.0, 130.0)
+    assert p(200.0, 69.9) == p(200.0, 10.0), "what was read later in the sample is not known yet"
+    assert p(10.0, 10.0) == p(5.0, 10.0) == model, "it is not later than the reading"
+    assert p(10.1, 10.0) < model

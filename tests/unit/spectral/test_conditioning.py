@@ -1,0 +1,186 @@
+"""The state at a time, given the latest reading."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tidemap.history.history import NEVER, UNOBSERVED, History
+from tidemap.history.timebase import TimeBase
+from tidemap.spectral.conditioning import MIN_PROBABILITY, UNLEARNED, Evidence, Persistence, Standing, condition
+from tidemap.spectral.estimators import fit
+from tidemap.spectral.persistence import learn_persistence, pairs_of
+from tidemap.spectral.prediction import predict_times
+
+SHARE = st.floats(0.001, 0.999)
+MINUTES = TimeBase(0.0, 60.0)
+
+
+def odds(p: float) -> float:
+    return p / (1 - p)
+
+
+@given(p=SHARE, q=SHARE, kept=st.floats(0, 0.999), state=st.sampled_from([0, 1]))
+def test_it_is_the_formula_of_the_odds(p: float, q: float, kept: float, state: int) -> None:
+    g = kept / ((1 - kept) * q)
+    expected = odds(p) * (1 + g) if state else odds(p) / (1 + g)
+    assert odds(float(condition(p, q, state, kept))) == pytest.approx(expected, rel=1e-6)
+
+
+@given(p=SHARE, kept=st.floats(0, 0.999), state=st.sampled_from([0, 1]))
+def test_without_a_rhythm_it_is_persistence(p: float, kept: float, state: int) -> None:
+    q = p if state else 1 - p
+    assert float(condition(p, q, state, kept)) == pytest.approx(kept * state + (1 - kept) * p, abs=1e-9)
+
+
+@given(p=SHARE, q=SHARE, state=st.sampled_from([0, 1]))
+def test_nothing_kept_is_the_model_and_more_kept_is_nearer_to_the_reading(p: float, q: float, state: int) -> None:
+    found = condition(p, q, state, [0.0, 0.3, 0.9, 0.9999])
+    assert found[0] == pytest.approx(p)
+    distance = np.abs(found - state)
+    assert np.all(np.diff(distance) <= 1e-12)
+
+
+def test_a_surprising_reading_says_more_than_an_expected_one() -> None:
+    assert condition(0.5, 0.05, 1, 0.5) > condition(0.5, 0.95, 1, 0.5)
+
+
+@pytest.mark.parametrize("state", [0, 1])
+def test_a_certain_model_can_be_wrong(state: int) -> None:
+    found = float(condition(1.0 - state, 0.0, state, 0.9995))
+    assert abs(found - state) < 0.2
+    assert MIN_PROBABILITY < found < 1 - MIN_PROBABILITY
+
+
+@given(delta=st.floats(0, 1e7), age=st.floats(0, 1e8))
+def test_states_that_have_lasted_last_and_time_takes_its_toll(delta: float, age: float) -> None:
+    kept = float(UNLEARNED.kept(delta, age))
+    assert 0 < kept <= 0.9995
+    assert UNLEARNED.kept(delta + 60, age) <= kept <= UNLEARNED.kept(delta, age + 60)
+
+
+@pytest.mark.parametrize("wrong", [{"nu": 0.0}, {"nu": 1.0}, {"tau_s": 0.0}, {"alpha": -1.0}, {"kappa": -0.1}])
+def test_what_is_no_persistence_is_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match="positive"):
+        Persistence(**wrong)
+
+
+def test_evidence_of_several_cells_over_several_samples() -> None:
+    evidence = Evidence(
+        np.array([1, 0, UNOBSERVED], np.uint8),
+        np.array([10, 12, NEVER]),
+        np.array([1, 10, 0], np.uint32),
+        np.array([0.4, 0.7, 1.0], np.float32),
+    )
+    p = np.array([[0.5, 0.2, 0.9, 0.0]] * 3, np.float32)
+    samples = np.array([5, 10, 12, 1000])
+    for hold, limit, until in ((0, 0, (10, 12)), (50, 30, (30, 30)), (50, 11, (11, 12)), (5, 1000, (15, 17))):
+        found = evidence.condition(p, samples, 60.0, UNLEARNED, Standing(hold, limit))
+        assert found.dtype == np.float32
+        np.testing.assert_array_equal(found[2], p[2])
+        for cell, (state, age, q) in enumerate([(1, 1, 0.4), (0, 10, 0.7)]):
+            read = int(evidence.sample[cell])
+            for column, sample in enumerate(samples.tolist()):
+                lived = 60.0 * (age + until[cell] - read)
+                kept = UNLEARNED.kept(60.0 * max(0, sample - until[cell]), lived)
+                given_it = condition(p[cell, column], np.float32(q), state, kept)
+                expected = p[cell, column] if sample < read else given_it
+                assert found[cell, column] == pytest.approx(float(expected), abs=1e-6)
+
+
+def test_evidence_of_some_rows_is_taken_and_replaced() -> None:
+    evidence = Evidence(
+        np.array([1, 0], np.uint8), np.array([3, 4]), np.array([1, 2], np.uint32), np.array([0.25, 0.5], np.float32)
+    )
+    assert evidence.nbytes == 2 * 17
+    other = evidence.replaced(np.array([0]), evidence.rows(np.array([1])))
+    assert (other.state.tolist(), other.sample.tolist(), other.age.tolist()) == ([0, 0], [4, 4], [2, 2])
+    assert evidence.state.tolist() == [1, 0]
+
+
+def switching(n_samples: int, keep: float, seed: int) -> np.ndarray:
+    """A state that is drawn anew, of either kind, in every sample with probability 1 - keep."""
+    random = np.random.default_rng(seed)
+    redrawn = random.random(n_samples) > keep
+    redrawn[0] = True
+    drawn = random.integers(0, 2, n_samples).astype(np.uint8)
+    return drawn[np.maximum.accumulate(np.where(redrawn, np.arange(n_samples), 0))]
+
+
+@pytest.mark.parametrize("keep", [0.5, 0.9, 0.99])
+def test_how_long_states_last_is_learned(keep: float) -> None:
+    history = History.from_states(switching(20_000, keep, 7)[np.newaxis])
+    learned = learn_persistence(history, fit(history, "static", 0, MINUTES), MINUTES)
+    for samples in (1, 5, 20):
+        kept = float(learned.kept(60.0 * samples, 60.0 / (1 - keep)))
+        assert kept == pytest.approx(keep**samples, abs=0.06)
+
+
+def test_of_noise_hardly_anything_is_kept() -> None:
+    states = np.random.default_rng(3).integers(0, 2, (4, 8000)).astype(np.uint8)
+    history = History.from_states(states)
+    learned = learn_persistence(history, fit(history, "static", 0, MINUTES), MINUTES)
+    assert float(learned.kept(60.0, 60.0)) < 0.05
+
+
+def test_with_nothing_to_learn_from_it_is_what_is_believed() -> None:
+    for states in (
+        np.zeros((0, 10), np.uint8),
+        np.full((2, 10), UNOBSERVED, np.uint8),
+        np.array([[2, 1, 2]], np.uint8),
+    ):
+        history = History.from_states(states)
+        learned = learn_persistence(history, fit(history, "static", 0, MINUTES), MINUTES)
+        assert learned.kept(3600.0, 60.0) == pytest.approx(float(UNLEARNED.kept(3600.0, 60.0)))
+
+
+def test_pairs_are_readings_of_the_history() -> None:
+    random = np.random.default_rng(5)
+    states = random.integers(0, 3, (3, 500)).astype(np.uint8)
+    states[1] = np.where(states[1] == 1, 0, states[1])
+    history = History.from_states(states, start=40)
+    spectrum = fit(history, "fft", 3, MINUTES)
+    pairs = pairs_of(history, spectrum, MINUTES)
+    assert pairs.state.size > 10_000
+    assert (pairs.delta_s >= 60).all()
+    assert (pairs.age_s >= 60).all()
+    every = predict_times(spectrum, MINUTES.time(np.arange(40, 540)))
+    assert np.isin(np.float32(pairs.p), every).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_given_predicts_better_than_rhythm_and_than_persistence(seed: int) -> None:
+    """Open by day more often than by night, and for as long as it lasts."""
+    random, n = np.random.default_rng(seed), 28 * 144
+    base = TimeBase(0.0, 600.0)
+    day = (np.arange(n) % 144 >= 48) & (np.arange(n) % 144 < 108)
+    p = np.where(day, 0.8, 0.1)
+    redrawn = random.random(n) > 0.85
+    redrawn[0] = True
+    drawn = (random.random(n) < p).astype(np.uint8)
+    states = drawn[np.maximum.accumulate(np.where(redrawn, np.arange(n), 0))]
+    past, border = History.from_states(states[np.newaxis, : 21 * 144]), 21 * 144
+    spectrum = fit(past, "calendar", 16, base)
+    learned = learn_persistence(past, spectrum, base)
+    model = predict_times(spectrum, base.time(np.arange(n)))[0].astype(np.float64)
+    mean = states[:border].mean()
+    for ahead in (1, 3, 12):
+        at = np.arange(border, n - ahead)
+        run = np.array([k - np.flatnonzero(np.diff(states[: k + 1], prepend=9))[-1] for k in at])
+        truth, last = states[at + ahead], states[at]
+        q = np.where(last == 1, model[at], 1 - model[at])
+        kept = learned.kept(600.0 * ahead, 600.0 * (run + 1))
+        loss = [
+            _log_loss(each, truth)
+            for each in (
+                condition(model[at + ahead], q, last, kept),
+                model[at + ahead],
+                0.85**ahead * last + (1 - 0.85**ahead) * mean,
+            )
+        ]
+        assert loss[0] < min(loss[1:])
+
+
+def _log_loss(p: np.ndarray, truth: np.ndarray) -> float:
+    bounded = np.clip(p, 1e-4, 1 - 1e-4)
+    return float(-np.log(np.where(truth == 1, bounded, 1 - bounded)).mean())
