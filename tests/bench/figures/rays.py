@@ -1,16 +1,20 @@
 """rays: a sweep of 70,000 points cast into a grid of 0.1 m, one thread, against OctoMap inserting the same."""
 
 import time
-
-import pyoctomap
+from importlib.util import find_spec
 
 from tests.bench import sweep
 from tests.bench.timing import Figure, interleaved
 from tidemap.space.rays import cast_rays
 
+BY_NAME = find_spec("pyoctomap") is None
+"""OctoMap has no wheel for some machines."""
+
 
 def measure() -> Figure:
     """Floor: a fresh tree with the sweep in it. Both are counted in time of the processor."""
+    import pyoctomap
+
     points = sweep.points()
 
     def cast() -> None:
