@@ -23,6 +23,7 @@ MODULES = (
     "uvicorn",
     "viser",
     "xxhash",
+    "yaml",
     "zstandard",
 )
 """By the names they are imported with, what the extra `server` installs."""

@@ -1,0 +1,137 @@
+"""PCD: clouds of the Point Cloud Library, version 0.7, as text, binary and binary_compressed."""
+
+import struct
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tidemap.formats.cloud import MAX_ROW_BYTES, CloudField, CloudLayout, Points, count_of, head_lines, unreadable
+from tidemap.history.columns import Content
+from tidemap.history.jit import kernel
+
+TYPES = {f"{kind}{size}" for kind in "IU" for size in (1, 2, 4, 8)} | {"F4", "F8"}
+MAX_FIELDS = 1000
+
+
+def read(content: Content) -> Points:
+    """Points (n, 3) of a PCD file, NaN where it has NaN. Raises UnreadableBodyError.
+
+    No memory is taken before the sizes that the header declares are those of the content.
+    """
+    lines, start = head_lines("PCD", content, b"DATA")
+    entries = {key: values for key, *values in (line.split() for line in lines if line.strip()) if key[0] != "#"}
+    layout = _layout(entries)
+    layout.check()
+    n = _number_of_points(entries)
+    kind = " ".join(_entry(entries, "DATA"))
+    if kind == "ascii":
+        return layout.text(content, start, n)
+    if kind == "binary":
+        if n * layout.row_bytes != len(content) - start:
+            raise _wrong_length(n * layout.row_bytes, len(content) - start)
+        return layout.packed(content, start, n)
+    if kind == "binary_compressed":
+        return layout.planar(_unpacked(content, start, n * layout.row_bytes), n)
+    raise unreadable("PCD", f"its DATA is {kind[:40]!r}; write ascii, binary or binary_compressed")
+
+
+def _layout(entries: Mapping[str, list[str]]) -> CloudLayout:
+    names = _entry(entries, "FIELDS")
+    if len(names) > MAX_FIELDS:
+        raise unreadable("PCD", f"it has {len(names)} fields; leave some out, at most {MAX_FIELDS} are read")
+    sizes, kinds = _entry(entries, "SIZE"), _entry(entries, "TYPE")
+    counts = entries.get("COUNT", ["1"] * len(names))
+    if not len(names) == len(sizes) == len(kinds) == len(counts):
+        raise unreadable("PCD", "its FIELDS, SIZE, TYPE and COUNT are not of one length")
+    fields = []
+    for name, size, kind, count in zip(names, sizes, kinds, counts, strict=True):
+        if kind + size not in TYPES:
+            raise unreadable(
+                "PCD", f"its field {name[:40]} is of TYPE {kind[:9]} and SIZE {size[:9]}, which is no type"
+            )
+        number = count_of("PCD", f"values of {name[:40]}", count, MAX_ROW_BYTES)
+        fields.append(CloudField(name, np.dtype(f"<{kind.lower()}{size}"), number))
+    return CloudLayout("PCD", tuple(fields))
+
+
+def _entry(entries: Mapping[str, list[str]], key: str) -> list[str]:
+    if key not in entries:
+        raise unreadable("PCD", f"its header has no line {key}")
+    return entries[key]
+
+
+def _number_of_points(entries: Mapping[str, list[str]]) -> int:
+    width, height = (
+        count_of("PCD", what, " ".join(_entry(entries, key)))
+        for key, what in (("WIDTH", "columns"), ("HEIGHT", "rows"))
+    )
+    n = count_of("PCD", "points", str(width * height))
+    if "POINTS" in entries and count_of("PCD", "points", " ".join(entries["POINTS"])) != n:
+        raise unreadable("PCD", f"its POINTS are not WIDTH times HEIGHT, which is {n}")
+    return n
+
+
+def _wrong_length(declared: int, found: int) -> Exception:
+    return unreadable(
+        "PCD", f"its header declares {declared} bytes, but {found} follow. Send the whole file and nothing else"
+    )
+
+
+def _unpacked(content: Content, start: int, size: int) -> bytes:
+    """The `size` bytes that stand compressed from `start` on. Raises UnreadableBodyError."""
+    if len(content) - start < 8:
+        raise unreadable("PCD", "it ends before the sizes of its compressed points")
+    packed, unpacked = struct.unpack_from("<II", content, start)
+    if unpacked != size:
+        raise unreadable("PCD", f"its header declares {size} bytes, but its compressed points {unpacked}")
+    if packed != len(content) - start - 8:
+        raise _wrong_length(packed, len(content) - start - 8)
+    if size > packed * MAX_GROWTH:
+        raise unreadable("PCD", f"its {packed} compressed bytes cannot be {size} bytes of points")
+    found = np.empty(size, np.uint8)
+    if _expand(np.frombuffer(content, np.uint8, packed, start + 8), found) != size:
+        raise unreadable("PCD", "its compressed points are damaged")
+    return found.tobytes()
+
+
+MAX_GROWTH = 88
+"""Three bytes of LZF stand for at most 264."""
+
+
+@kernel
+def _expand(packed: NDArray[np.uint8], found: NDArray[np.uint8]) -> int:
+    """Unpack LZF into `found`. Returns the number of bytes, -1 where the content breaks off or points outside.
+
+    A byte below 32 is followed by one more literal byte than it says. Others have in their upper three bits how many
+    bytes, less two, are repeated (7: add the next byte), and in the lower five with the next byte how far back, less
+    one.
+    """
+    at, end = 0, 0
+    while at < len(packed):
+        control = int(packed[at])
+        at += 1
+        if control < 32:
+            length = control + 1
+            if at + length > len(packed) or end + length > len(found):
+                return -1
+            found[end : end + length] = packed[at : at + length]
+            at += length
+        else:
+            length = control >> 5
+            if length == 7:
+                if at >= len(packed):
+                    return -1
+                length += int(packed[at])
+                at += 1
+            length += 2
+            if at >= len(packed):
+                return -1
+            source = end - ((control & 31) << 8) - int(packed[at]) - 1
+            at += 1
+            if source < 0 or end + length > len(found):
+                return -1
+            for i in range(length):  # what is repeated may be what is being written
+                found[end + i] = found[source + i]
+        end += length
+    return end
