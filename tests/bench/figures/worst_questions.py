@@ -8,6 +8,7 @@ import json
 import tempfile
 import time
 from collections.abc import Iterator
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +79,8 @@ def questions() -> Iterator[tuple[str, Question]]:
     yield "state, Arrow", ("GET", f"{hall}/state?time=0", {"headers": {"accept": ARROW}})
     yield "state, npy", ("GET", f"{hall}/state?time=0", {"headers": {"accept": "application/x-npy"}})
     yield "predict, 10^6 times", ("POST", f"{door}/predict", {"json": {"time": million}})
-    yield "predict, 10^6 texts", ("POST", f"{door}/predict", {"json": {"time": [f"{n:.0f}" for n in million]}})
+    texts = [datetime.fromtimestamp(second, UTC).isoformat() for second in million[:550_000]]
+    yield "predict, 550,000 texts", ("POST", f"{door}/predict", {"json": {"time": texts}})
     yield "predict, too many", ("POST", f"{door}/predict", {"json": {"time": [*million, now]}})
     yield "predict, 10^6 cells", ("POST", f"{hall}/predict", {"json": {"time": [0.0]}})
     yield "series", ("GET", f"{door}/series?start={START}&stop={START + 999_999}&step=1", {})
