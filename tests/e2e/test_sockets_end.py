@@ -11,8 +11,10 @@ from websockets.sync.connection import Connection
 from websockets.typing import Subprotocol
 
 from tests.e2e.test_keys import make_key
+from tests.support.databases import PostgresDatabases
 from tests.support.here import command
 from tests.support.paths import ROOT
+from tests.support.postgres import Postgres
 from tests.support.server import StartServer, clean_environment
 from tests.support.waiting import until
 from tidemap.api.auth import RECHECK_S
@@ -76,6 +78,21 @@ def test_sockets_end_with_a_key_that_another_process_revokes(server: StartServer
         assert httpx.get(f"{running.url}/api/v1/locations", headers=headers, trust_env=False).status_code == 401
     right = {"Authorization": f"Bearer {admin['key']}"}
     assert httpx.get(f"{running.url}/api/v1/keys", headers=right, trust_env=False).status_code == 200
+
+
+def test_sockets_end_with_a_session_that_is_signed_out_in_another_process(
+    server: StartServer, postgres: Postgres
+) -> None:
+    with PostgresDatabases(postgres).migrated() as url:
+        key = make_key(("--database-url", url), "operator")
+        one, other = (server(database_url=url, env={"TIDEMAP_VIEWER": "false"}) for _ in range(2))
+        with httpx.Client(base_url=one.url, trust_env=False) as browser:
+            assert browser.post("/login", data={"key": key["key"]}).status_code == 303
+            cookie = {"Cookie": f"tidemap_session={browser.cookies['tidemap_session']}"}
+            socket = connect(_ws(other.url + PATHS[0]), additional_headers=cookie, proxy=None)
+            browser.post("/logout")
+        assert _close_code(socket) == 4401
+        assert httpx.get(f"{other.url}/api/v1/locations", headers=cookie, trust_env=False).status_code == 401
 
 
 def _ws(url: str) -> str:
