@@ -114,7 +114,7 @@ def ask(port: int, time: float) -> bytes:
 
 def lent(ctx: Context) -> int:
     """How many sheets somebody has."""
-    return sum(not item.free for shelf in ctx.buffers._shelves.values() for item in shelf.items)
+    return sum(not item.free for shelf in ctx.caches.buffers._shelves.values() for item in shelf.items)
 
 
 def test_who_reads_slowly_gets_what_was_asked_for_while_others_ask(ctx: Context, port: int) -> None:
@@ -140,7 +140,7 @@ def test_who_hangs_up_gives_the_memory_back(ctx: Context, port: int) -> None:
             assert hasty.recv(1000).startswith(b"HTTP/1.1 200")
             assert lent(ctx) >= 1
     until(lambda: lent(ctx) == 0)
-    made = sum(len(shelf.items) for shelf in ctx.buffers._shelves.values())
+    made = sum(len(shelf.items) for shelf in ctx.caches.buffers._shelves.values())
     checked(ctx, ask(port, 60.0), 60.0)
-    assert sum(len(shelf.items) for shelf in ctx.buffers._shelves.values()) == made
-    assert ctx.buffers.n_bytes <= ctx.settings.answer_cache_bytes
+    assert sum(len(shelf.items) for shelf in ctx.caches.buffers._shelves.values()) == made
+    assert ctx.caches.buffers.n_bytes <= ctx.settings.answer_cache_bytes

@@ -71,7 +71,7 @@ class TestSpectrum:
         make_lab(ctx)
         whole = state_at(ctx, "lab", StateQuery(0.0))
         assert (whole.cell.tolist(), whole.unavailable) == (list(CELLS), [])
-        ctx.spectra.drop(lambda _: True)
+        ctx.caches.spectra.drop(lambda _: True)
         damage(ctx, spectrum, chunk=1)
         for observed in (False, True):
             view = state_at(ctx, "lab", StateQuery(0.0, observed=observed))
@@ -88,7 +88,7 @@ class TestSpectrum:
 
     def test_a_question_about_it_is_a_clear_error(self, ctx: Context) -> None:
         make_lab(ctx)
-        ctx.spectra.drop(lambda _: True)
+        ctx.caches.spectra.drop(lambda _: True)
         damage(ctx, spectrum, chunk=1)
         for ask in (
             lambda: predict_at(ctx, "lab", PredictQuery([0.0], [0, 1500])),
@@ -103,7 +103,7 @@ class TestSpectrum:
         self, ctx: Context, caplog: pytest.LogCaptureFixture
     ) -> None:
         make_lab(ctx)
-        ctx.spectra.drop(lambda _: True)
+        ctx.caches.spectra.drop(lambda _: True)
         damage(ctx, spectrum, chunk=1)
         with caplog.at_level(logging.ERROR):
             for order in (None, 0, None):
@@ -119,7 +119,7 @@ class TestSpectrum:
         make_location(ctx, "door", estimator="static", min_cells=1)
         post_states(ctx, "door", [0.0, MINUTE], [0, 0])
         refit(ctx, "door")
-        ctx.spectra.drop(lambda _: True)
+        ctx.caches.spectra.drop(lambda _: True)
         damage(ctx, spectrum, chunk=0)
         with pytest.raises(CorruptChunkError, match="location 'door', chunk 0"):
             state_at(ctx, "door", StateQuery(0.0))
@@ -130,7 +130,7 @@ class TestSpectrum:
 
     def test_a_deleted_location_counts_no_more(self, ctx: Context) -> None:
         make_lab(ctx)
-        ctx.spectra.drop(lambda _: True)
+        ctx.caches.spectra.drop(lambda _: True)
         damage(ctx, spectrum, chunk=1)
         state_at(ctx, "lab", StateQuery(0.0))
         delete_location(ctx, "lab")
@@ -143,7 +143,7 @@ class TestHistory:
     def test_update_and_compaction_go_on_for_the_others(self, ctx: Context) -> None:
         make_lab(ctx)
         damage(ctx, history, chunk=1)
-        ctx.histories.drop(lambda _: True)
+        ctx.caches.histories.drop(lambda _: True)
         spoilt = payload(ctx, history, chunk=1)
         post_rows(ctx, "lab", [(MINUTE * 6, cell, 1) for cell in (*CELLS, 1600)])
         assert refit(ctx, "lab", estimator="fft", order=1).revision == 2
@@ -194,7 +194,7 @@ class TestHistory:
         compact_now(ctx, "lab")
         gone = delete(history).where(history.c.chunk == 1)
         ctx.store.write(lambda work: work.jobs._connection.execute(gone))
-        ctx.histories.drop(lambda _: True)
+        ctx.caches.histories.drop(lambda _: True)
         assert history_of(ctx, "lab", 1, 0, 7).series(6, 0, 7).tolist() == [2] * 6 + [1]
         refit(ctx, "lab", estimator="static")
         assert state_at(ctx, "lab", StateQuery(0.0)).cell.tolist() == [0, 1030, 2400]
@@ -204,7 +204,7 @@ class TestHistory:
         post_rows(ctx, "lab", [(MINUTE * 5000, cell, 1) for cell in CELLS])
         refit(ctx, "lab", estimator="static")
         damage(ctx, history, chunk=1, segment=0)
-        ctx.histories.drop(lambda _: True)
+        ctx.caches.histories.drop(lambda _: True)
         assert history_of(ctx, "lab", 1, 4096, 5001).series(6, 5000, 5001).tolist() == [1]
         view = state_at(ctx, "lab", StateQuery(MINUTE * 9, observed=True))
         assert view.cell.tolist() == list(CELLS)
@@ -221,7 +221,7 @@ class TestHistory:
         post_states(ctx, "door", [0.0, MINUTE], [0, 1])
         refit(ctx, "door", estimator="static")
         damage(ctx, history, chunk=0)
-        ctx.histories.drop(lambda _: True)
+        ctx.caches.histories.drop(lambda _: True)
         post_states(ctx, "door", [MINUTE * 2], [1])
         with pytest.raises(CorruptChunkError, match="history of location 'door', chunk 0, segment 0"):
             refit(ctx, "door", estimator="static")
@@ -265,7 +265,7 @@ class TestLog:
         for n in (6, 7, 8):
             post_rows(ctx, "lab", [(MINUTE * n, cell, 1) for cell in CELLS])
         damage(ctx, observation, id=3)
-        ctx.tails.drop(lambda _: True)
+        ctx.caches.tails.drop(lambda _: True)
         spoilt = payload(ctx, observation, id=3)
         assert series(ctx, "lab", SeriesQuery(1030)).observed.tolist() == [0, 1] * 3 + [1, 2, 1]
         with caplog.at_level(logging.ERROR):

@@ -258,7 +258,7 @@ def test_where_a_segment_is_damaged_nothing_is_deleted(ctx: Context) -> None:
     post_rows(ctx, "lab", [(MINUTE * n, cell, 1) for n in range(4) for cell in (0, 1030)])
     compact_now(ctx)
     damage(ctx, history, chunk=1)
-    ctx.histories.drop(lambda _: True)
+    ctx.caches.histories.drop(lambda _: True)
     post_rows(ctx, "lab", [(MINUTE * 5, 0, 1)])
     with pytest.raises(CorruptChunkError, match="chunk 1, segment 0"):
         delete_observations(ctx, "lab", Deletion(0.0, MINUTE * 9))

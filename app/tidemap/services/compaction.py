@@ -53,7 +53,7 @@ def forget(ctx: Context, location: LocationRecord) -> None:
 
     with ctx.compacting:
         ctx.store.write(drop)
-    ctx.histories.drop(lambda key: isinstance(key, tuple) and key[0] == location.id)
+    ctx.caches.histories.drop(lambda key: isinstance(key, tuple) and key[0] == location.id)
 
 
 def forget_everywhere(ctx: Context, check: Callable[[], None] = lambda: None) -> None:

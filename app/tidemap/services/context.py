@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from threading import Lock
 
 from tidemap.errors import CorruptChunkError
@@ -45,25 +45,47 @@ class KeptEvidence:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Context:
-    """What one process works with. `clock` gives Unix seconds; `term` is the leader's term that its writes belong to.
+class Caches:
+    """What one process keeps of the database, each bounded in bytes.
 
-    To compact or forget a history, hold `compacting`: the segments that are read are written later.
     To unpack what `tails` is to keep, hold `reading_on`.
     """
 
-    settings: Settings
-    store: Store
-    bus: Bus
     spectra: ByteCache[Loaded]
     histories: ByteCache[History]
     tails: ByteCache[Tail]
     evidence: ByteCache[KeptEvidence]
     buffers: BufferPool[StateBuffer]
+    locations: LocationCache = field(default_factory=LocationCache)
+    reading_on: Lock = field(default_factory=Lock)
+
+    @classmethod
+    def of(cls, settings: Settings) -> "Caches":
+        """Empty ones, as large as the settings say."""
+        return cls(
+            spectra=ByteCache(settings.spectrum_cache_bytes, lambda value: spectrum_bytes(value.spectrum)),
+            histories=ByteCache(
+                settings.history_cache_bytes, lambda value: value.observed.nbytes + value.occupied.nbytes
+            ),
+            tails=ByteCache(settings.history_cache_bytes // 2, tail_bytes),
+            evidence=ByteCache(settings.reading_cache_bytes, lambda kept: kept.evidence.nbytes),
+            buffers=BufferPool(settings.answer_cache_bytes),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Context:
+    """What one process works with. `clock` gives Unix seconds; `term` is the leader's term that its writes belong to.
+
+    To compact or forget a history, hold `compacting`: the segments that are read are written later.
+    """
+
+    settings: Settings
+    store: Store
+    bus: Bus
+    caches: Caches
     damage: Damage
-    locations: LocationCache
     compacting: Lock
-    reading_on: Lock
     parsing: ThreadPoolExecutor
     clock: Callable[[], float]
     term: int | None = None
@@ -80,17 +102,9 @@ def open_context(settings: Settings, clock: Callable[[], float] = time.time) -> 
             settings=settings,
             store=store,
             bus=Bus(),
-            spectra=ByteCache(settings.spectrum_cache_bytes, lambda value: spectrum_bytes(value.spectrum)),
-            histories=ByteCache(
-                settings.history_cache_bytes, lambda value: value.observed.nbytes + value.occupied.nbytes
-            ),
-            tails=ByteCache(settings.history_cache_bytes // 2, tail_bytes),
-            evidence=ByteCache(settings.reading_cache_bytes, lambda kept: kept.evidence.nbytes),
-            buffers=BufferPool(settings.answer_cache_bytes),
+            caches=Caches.of(settings),
             damage=Damage(),
-            locations=LocationCache(),
             compacting=Lock(),
-            reading_on=Lock(),
             parsing=parsing,
             clock=clock,
         )

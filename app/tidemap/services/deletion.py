@@ -135,6 +135,6 @@ def _revised(
 
 def _let_go(ctx: Context, location_id: int) -> None:
     """Forget what is held of a history that is not so any more."""
-    ctx.histories.drop(lambda key: isinstance(key, tuple) and key[0] == location_id)
-    ctx.tails.drop(lambda key: key == location_id)
-    ctx.locations.forget()
+    ctx.caches.histories.drop(lambda key: isinstance(key, tuple) and key[0] == location_id)
+    ctx.caches.tails.drop(lambda key: key == location_id)
+    ctx.caches.locations.forget()

@@ -117,21 +117,21 @@ def _kept(ctx: Context, model: Fitted, cells: NDArray[np.int64]) -> KeptEvidence
     key = (location.id, model.revision.recipe)
     version = _Version(model.revision.revision, location.observation_seq, location.first_time, location.deleted)
     if len(cells) < len(whole):
-        held = ctx.evidence.held(key, version)
+        held = ctx.caches.evidence.held(key, version)
         rows = np.searchsorted(whole, cells)
         if held is None or not np.array_equal(whole[np.minimum(rows, len(whole) - 1)], cells):
             return None
         return KeptEvidence(held.evidence.rows(rows), held.damaged)
     if not np.array_equal(whole, cells):
         return None
-    return ctx.evidence.get(key, version, lambda: _renewed(ctx, model, cells, version))
+    return ctx.caches.evidence.get(key, version, lambda: _renewed(ctx, model, cells, version))
 
 
 def _renewed(ctx: Context, model: Fitted, cells: NDArray[np.int64], version: _Version) -> KeptEvidence:
     """What is kept of an earlier version with what was read since; all of it read anew where that cannot be told."""
     location = model.location
     latest = location.base.epoch if location.last_time is None else location.last_time
-    before = ctx.evidence.latest((location.id, model.revision.recipe))
+    before = ctx.caches.evidence.latest((location.id, model.revision.recipe))
     if before is not None:
         old, kept = cast(_Version, before[0]), before[1]
         same = replace(old, observations=version.observations) == version

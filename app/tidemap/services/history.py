@@ -153,7 +153,7 @@ def _stored(ctx: Context, work: Work, location: LocationRecord, chunk: int, star
     version = (location.compacted_seq, location.observation_seq, location.deleted)
     load = partial(_whole, ctx, work, location, chunk, start, stop)
     try:
-        return ctx.histories.get((location.id, chunk, first, last), version, load)
+        return ctx.caches.histories.get((location.id, chunk, first, last), version, load)
     except CorruptChunkError as error:
         ctx.damage.found(location.id, error)
         raise
@@ -207,7 +207,7 @@ def _tail(ctx: Context, work: Work, location: LocationRecord, chunk: int) -> Mea
         # Nothing, or the caller wants the compacted part alone, and others hold the tail.
         _let_go(ctx, location)
         return NOTHING
-    tail = ctx.tails.held(location.id, _version(location))
+    tail = ctx.caches.tails.held(location.id, _version(location))
     if tail is None:
         tail = _read_on(ctx, work, location) or _read_chunk(work, location, chunk)
         _report(ctx, location, tail)
@@ -216,9 +216,9 @@ def _tail(ctx: Context, work: Work, location: LocationRecord, chunk: int) -> Mea
 
 def _let_go(ctx: Context, location: LocationRecord) -> None:
     """Forget what is held of a tail, where all of it is compacted."""
-    known = ctx.tails.latest(location.id)
+    known = ctx.caches.tails.latest(location.id)
     if known is not None and cast(tuple[int, int], known[0])[1] <= location.compacted_seq:
-        ctx.tails.drop(lambda key: key == location.id)
+        ctx.caches.tails.drop(lambda key: key == location.id)
 
 
 def _version(location: LocationRecord) -> tuple[int, int]:
@@ -229,18 +229,18 @@ def _version(location: LocationRecord) -> tuple[int, int]:
 def _read_on(ctx: Context, work: Work, location: LocationRecord) -> Tail | None:
     """The whole tail, every part sorted by chunk, kept for other chunks and later questions: of an earlier one what is
     held, and what has come in since. None where it is too long to be held: unpacked it would only take memory."""
-    if not ctx.tails.takes(work.observations.pending(location) * MIN_BYTES):
+    if not ctx.caches.tails.takes(work.observations.pending(location) * MIN_BYTES):
         return None
     # One at a time: the others need not read what the first has read, nor hold as much at once.
-    with ctx.reading_on:
+    with ctx.caches.reading_on:
         parts, since = _known(ctx, location)
         new = work.observations.tail(replace(location, compacted_seq=since), choose=by_chunk)
-        return ctx.tails.get(location.id, _version(location), lambda: Tail(parts + new.parts, new.damage))
+        return ctx.caches.tails.get(location.id, _version(location), lambda: Tail(parts + new.parts, new.damage))
 
 
 def _known(ctx: Context, location: LocationRecord) -> tuple[list[tuple[int, Measurements]], int]:
     """What is held of a tail, of this moment or another, and through which observation."""
-    known = ctx.tails.latest(location.id)
+    known = ctx.caches.tails.latest(location.id)
     if known is not None:
         (compacted, through), held = cast(tuple[int, int], known[0]), known[1]
         if compacted <= location.compacted_seq <= through:

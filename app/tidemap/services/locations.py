@@ -55,7 +55,7 @@ def change_location(ctx: Context, name: str, form: LocationPatch) -> LocationSum
         if record.missing == "hold" and record.hold_s is None:
             raise InvalidInputError.at("hold_s", "`missing` = 'hold' needs the seconds a state stands at most")
 
-    ctx.store.write(change, lambda _: ctx.locations.forget())
+    ctx.store.write(change, lambda _: ctx.caches.locations.forget())
     return get_location(ctx, values.get("name", name))
 
 
@@ -71,7 +71,9 @@ def _refuse_recombining(record: LocationRecord, combine: str | None) -> None:
 
 def delete_location(ctx: Context, name: str) -> None:
     """With all that belongs to it. Raises LocationNotFoundError."""
-    ctx.damage.forget(ctx.store.write(lambda work: work.locations.delete(name), lambda _: ctx.locations.forget()))
+    ctx.damage.forget(
+        ctx.store.write(lambda work: work.locations.delete(name), lambda _: ctx.caches.locations.forget())
+    )
 
 
 def find_location(ctx: Context, name: str) -> LocationRecord:

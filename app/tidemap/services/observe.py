@@ -73,7 +73,7 @@ def is_quick(ctx: Context, name: str, post: Post) -> bool:
     """Whether a post is small and what it is judged by is in memory. Costs nothing, as it is asked on the way."""
     if len(post.body.content) * post.body.cost > QUICK_BYTES:
         return False
-    location = ctx.locations.lately(name)
+    location = ctx.caches.locations.lately(name)
     return location is not None and _can_judge(ctx, location)
 
 
@@ -93,7 +93,7 @@ def _quick_entry(ctx: Context, name: str, post: Post) -> Entry:
 def parsed(ctx: Context, name: str, post: Post) -> tuple[LocationRecord, Measurements]:
     """The location of a post and its measurements. Raises as `observe`."""
     try:
-        location = ctx.locations.get(name, partial(find_location, ctx))
+        location = ctx.caches.locations.get(name, partial(find_location, ctx))
         columns = registry.read(post.body, location.kind, location.cells)
         now, settings = ctx.clock(), ctx.settings
         earliest = max(now - settings.past_s, -FARTHEST_S)

@@ -68,7 +68,7 @@ def fitted(
         key = (location.id, None if wanted.recipe == revision.recipe else wanted.recipe)
         load = partial(_load, ctx, location, revision, wanted)
         try:
-            return Fitted(location, ctx.spectra.get(key, revision.revision, load))
+            return Fitted(location, ctx.caches.spectra.get(key, revision.revision, load))
         except CorruptChunkError:
             before = revision
             location, revision = current_revision(ctx, name)
@@ -79,7 +79,7 @@ def fitted(
 
 def held(ctx: Context, location: LocationRecord) -> Spectrum | None:
     """The spectrum of the location's revision where the cache has it: what it costs is one look."""
-    loaded = ctx.spectra.held((location.id, None), location.revision)
+    loaded = ctx.caches.spectra.held((location.id, None), location.revision)
     return None if loaded is None else loaded.spectrum
 
 
@@ -89,7 +89,7 @@ def current_revision(ctx: Context, name: str, claim: Claim | None = None) -> tup
         if claim is not None:
             confirm(work, claim)
         location = work.locations.get(name)
-        loaded = ctx.spectra.held((location.id, None), location.revision)
+        loaded = ctx.caches.spectra.held((location.id, None), location.revision)
         revision = work.spectra.get(location.id, location.revision) if loaded is None else loaded.revision
     if revision is None:
         raise NoModelError(name)

@@ -171,7 +171,7 @@ def buffer_of(ctx: Context, asked: Asked) -> BufferLease[StateBuffer] | None:
     if query.bbox is not None or query.observed or query.last_seen or query.given == "observations":
         return None
     key = (asked.model.location.id, asked.model.revision.recipe, confidence)
-    lease = ctx.buffers.lease(key, ref(asked.model.loaded), lambda: StateBuffer.of(spectrum, confidence))
+    lease = ctx.caches.buffers.lease(key, ref(asked.model.loaded), lambda: StateBuffer.of(spectrum, confidence))
     lease.value.write(spectrum, asked.query.time, ctx.settings.update_threads)
     return lease
 

@@ -69,8 +69,8 @@ def run_update(
         work.spectra.publish(record)
         also(work, record)
 
-    ctx.store.write(publish, lambda _: ctx.locations.forget())
-    ctx.spectra.drop(lambda key: isinstance(key, tuple) and key[0] == plan.location.id)
+    ctx.store.write(publish, lambda _: ctx.caches.locations.forget())
+    ctx.caches.spectra.drop(lambda key: isinstance(key, tuple) and key[0] == plan.location.id)
     return record
 
 

@@ -50,13 +50,13 @@ def test_an_update_leaves_what_others_hold_of_the_log_until_that_is_compacted(ct
     post_rows(ctx, "lab", [(60.0, 7, 1)])
     assert history_of(ctx, "lab", 0, 0, 2).states()[7].tolist() == [1, 1]
     location = find_location(ctx, "lab")
-    held = ctx.tails.latest(location.id)
+    held = ctx.caches.tails.latest(location.id)
     assert held is not None
     assert read_compacted(ctx, location, 0, 0, 2).states()[7].tolist() == [1, UNOBSERVED]
-    assert ctx.tails.latest(location.id) == held
+    assert ctx.caches.tails.latest(location.id) == held
     compact_now(ctx, "lab")
     assert read_compacted(ctx, location, 0, 0, 2).states()[7].tolist() == [1, 1]
-    assert ctx.tails.latest(location.id) is None
+    assert ctx.caches.tails.latest(location.id) is None
 
 
 def test_a_moment_ago_is_a_part_of_what_is_held_of_now(ctx: Context, read: list[str]) -> None:
@@ -79,7 +79,7 @@ def test_a_log_too_long_to_be_held_is_read_for_the_chunk_alone(database_url: str
             post_rows(ctx, "lab", [(60.0 * minute, cell, 1) for cell in (7, 1100, 3000)])
         for chunk, cell in ((0, 7), (1, 76), (2, 952)):
             assert history_of(ctx, "lab", chunk, 0, 2).states()[cell].tolist() == [1, 1]
-        assert ctx.tails.latest(find_location(ctx, "lab").id) is None
+        assert ctx.caches.tails.latest(find_location(ctx, "lab").id) is None
     assert read == ["1", "2"] * 3
 
 

@@ -195,7 +195,7 @@ def test_a_post_is_quick_where_it_is_small_and_its_model_is_in_memory(ctx: Conte
     learned_door(ctx)
     observe(ctx, "door", post)
     assert is_quick(ctx, "door", post)
-    ctx.spectra.drop(lambda _: True)
+    ctx.caches.spectra.drop(lambda _: True)
     assert not is_quick(ctx, "door", post), "a model that would have to be read"
     observe(ctx, "door", post)
     refit(ctx, "door")

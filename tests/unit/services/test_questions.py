@@ -219,4 +219,4 @@ def test_one_early_measurement_does_not_fill_the_memory(ctx: Context) -> None:
 
 
 def _held(ctx: Context) -> list[Any]:
-    return [entry.value for entry in ctx.histories._entries.values()]
+    return [entry.value for entry in ctx.caches.histories._entries.values()]
