@@ -102,12 +102,12 @@ class Evidence:
         standing: Standing = Standing(),
     ) -> NDArray[np.float32]:
         """p (n, m) of these cells in samples (m,), given the readings of the same sample or earlier ones."""
-        out = np.empty(p.shape, np.float32)
+        out = np.empty(p.shape[::-1], np.float32)
         learned = (persistence.nu, persistence.tau_s, persistence.alpha, persistence.kappa)
         scale = (interval_s, standing.hold, standing.limit)
         read = (self.state, self.sample, self.age, self.q)
-        _condition(np.ascontiguousarray(p), *read, np.ascontiguousarray(sample), scale, learned, out)
-        return out
+        _condition(np.ascontiguousarray(p.T), *read, np.ascontiguousarray(sample), scale, learned, out)
+        return out.T
 
 
 def condition(p: ArrayLike, q: ArrayLike, state: ArrayLike, kept: ArrayLike) -> NDArray[np.float64]:
@@ -141,26 +141,54 @@ def _condition(
     learned: tuple[float, float, float, float],
     out: NDArray[np.float32],
 ) -> None:
-    """out (n, m): `condition` of p (n, m). Neighbours are often read alike: then their r is the same."""
+    """out (m, n): `condition` of p (m, n). Neighbours are often read alike: what is kept of them is computed once."""
+    first = 0
+    while first < state.size:
+        last = first + 1
+        while last < state.size and read[last] == read[first] and age[last] == age[first]:
+            last += 1
+        for row in range(asked.size):
+            if asked[row] < read[first]:
+                out[row, first:last] = p[row, first:last]
+            else:
+                lasted = _lasted(read[first], age[first], asked[row], scale, learned)
+                _condition_alike(p[row], state, q, first, last, lasted, out[row])
+        first = last
+
+
+@kernel
+def _lasted(
+    read: int, age: int, asked: int, scale: tuple[float, int, int], learned: tuple[float, float, float, float]
+) -> float:
+    """r / (1 - r) of a reading in a sample that is asked for."""
     interval_s, hold, limit = scale
     nu, tau_s, alpha, kappa = learned
-    before_delta, before_age, lasted = -1, -1, 0.0
-    for row in range(state.size):
-        until = max(read[row], min(read[row] + hold, limit))
-        lived = np.int64(age[row]) + until - read[row]
-        likely = max(np.float64(q[row]), MIN_PROBABILITY)
-        for column in range(asked.size):
-            here = p[row, column]
-            if state[row] == UNOBSERVED or asked[column] < read[row]:
-                out[row, column] = here
-                continue
-            delta = max(np.int64(0), asked[column] - until)
-            if delta != before_delta or lived != before_age:
-                before_delta, before_age = delta, lived
-                span = tau_s + kappa * lived * interval_s
-                kept = min(MAX_KEPT, nu * (span / (span + delta * interval_s)) ** alpha)
-                lasted = kept / (1 - kept)
-            bounded = min(max(np.float64(here), MIN_PROBABILITY), 1 - MIN_PROBABILITY)
-            own = bounded if state[row] else 1 - bounded
-            given = own * (likely + lasted) / (likely + own * lasted)
-            out[row, column] = given if state[row] else 1 - given
+    until = max(read, min(read + hold, limit))
+    span = tau_s + kappa * (age + until - read) * interval_s
+    kept = min(MAX_KEPT, nu * (span / (span + max(0, asked - until) * interval_s)) ** alpha)
+    return float(kept / (1 - kept))
+
+
+@kernel
+def _condition_alike(
+    p: NDArray[np.float32],
+    state: NDArray[np.uint8],
+    q: NDArray[np.float32],
+    first: int,
+    last: int,
+    lasted: float,
+    out: NDArray[np.float32],
+) -> None:
+    """Cells [first, last), read in the same sample after the same time; without branches, several at once.
+
+    An index without a sign cannot count from the end: to look for that would take twice as long.
+    """
+    least, most = np.float32(MIN_PROBABILITY), np.float32(1 - MIN_PROBABILITY)
+    one, much = np.float32(1), np.float32(lasted)
+    for i in range(np.uint64(first), np.uint64(last)):
+        bounded = least if p[i] < least else (most if p[i] > most else p[i])
+        likely = least if q[i] < least else q[i]
+        own = bounded if state[i] == 1 else one - bounded
+        given = own * (likely + much) / (likely + own * much)
+        known = given if state[i] == 1 else one - given
+        out[i] = p[i] if state[i] == UNOBSERVED else known
