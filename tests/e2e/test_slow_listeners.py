@@ -81,7 +81,7 @@ class Hall:
             "interval_s": 1,
             "estimator": "static",
             "grid": grid,
-            "confidence": 0.75,
+            "confidence": 0.7,
         }
         assert site.http.post("/locations", json=form).status_code == 201
         self.look("free")
@@ -102,7 +102,7 @@ def middle(values: list[float]) -> float:
 
 
 def test_a_stuck_listener_is_dropped_and_slows_nobody(server: StartServer) -> None:
-    running = server(env={"TIDEMAP_VIEWER": "false", "TIDEMAP_SOCKET_QUEUE": "16"})
+    running = server(env={"TIDEMAP_VIEWER": "false", "TIDEMAP_UPDATER": "false", "TIDEMAP_SOCKET_QUEUE": "16"})
     with Site(running) as site:
         hall = Hall(site)
         alone = middle([hall.look() for _ in range(10)])
@@ -132,7 +132,7 @@ def test_a_stuck_listener_is_dropped_and_slows_nobody(server: StartServer) -> No
 
 def test_a_listener_that_reads_on_is_told_why_it_was_dropped(server: StartServer) -> None:
     """It reads nothing for a while, then all that waits, and finds the code at the end."""
-    running = server(env={"TIDEMAP_VIEWER": "false", "TIDEMAP_SOCKET_QUEUE": "4"})
+    running = server(env={"TIDEMAP_VIEWER": "false", "TIDEMAP_UPDATER": "false", "TIDEMAP_SOCKET_QUEUE": "4"})
     with Site(running) as site:
         hall = Hall(site)
         with site.events("?kind=anomaly", max_queue=1) as connection:

@@ -141,8 +141,8 @@ def read_times(ctx: Context, location: LocationRecord, chunk: int, sample: int) 
     number = sample // SEGMENT_SAMPLES
     with ctx.store.read() as work:
         location = work.locations.by_id(location.id)
-        (segment,) = _merged(ctx, work, location, chunk, number, number)
-    return times_at(segment, sample, location.base)
+        segment = next(_merged(ctx, work, location, chunk, number, number), None)
+    return times_at(segment or Segment.empty(location.chunk_size(chunk), number), sample, location.base)
 
 
 def _stored(ctx: Context, work: Work, location: LocationRecord, chunk: int, start: int, stop: int) -> History:
