@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from tests.support.records import location_record
 from tidemap.history.history import History
 from tidemap.history.measurements import Measurements
 from tidemap.history.timebase import TimeBase
@@ -40,31 +41,8 @@ quick = settings(max_examples=80, deadline=None)
 
 def location_of(base: TimeBase, n_cells: int, confidence: float) -> LocationRecord:
     grid = GridGeometry("map", (0.0, 0.0, 0.0), 1.0, (n_cells, 2)) if n_cells > 1 else None
-    return LocationRecord(
-        id=1,
-        name="lab",
-        kind="grid2d" if grid else "state",
-        interval_s=base.interval_s,
-        time_zone="UTC",
-        epoch=base.epoch,
-        grid=grid,
-        estimator="auto",
-        order=None,
-        confidence=confidence,
-        missing="mask",
-        combine="latest",
-        hold_s=None,
-        retention_s=None,
-        min_cells=1,
-        created_at=0.0,
-        observation_seq=0,
-        compacted_seq=0,
-        measurements=0,
-        deleted=0,
-        first_time=None,
-        last_time=None,
-        revision=1,
-    )
+    kind = "grid2d" if grid else "state"
+    return location_record(kind=kind, grid=grid, interval_s=base.interval_s, epoch=base.epoch, confidence=confidence)
 
 
 def judged(spectrum: Spectrum, base: TimeBase, times: list[float], cell: int) -> list[float]:

@@ -1,5 +1,6 @@
 """Readings: what was read last of each cell, as it was known at a moment."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,14 +30,19 @@ class Readings:
 def readings_at(ctx: Context, location: LocationRecord, moment: float, cells: NDArray[np.int64]) -> Readings:
     """The latest readings at or before `moment` (Unix seconds) of some cells, ascending."""
     runs, damaged = LatestRuns.none(len(cells)), []
-    borders = np.searchsorted(cells, np.arange(location.n_chunks + 1) * CHUNK_CELLS)
-    for chunk in np.flatnonzero(np.diff(borders)).tolist():
-        rows = slice(borders[chunk], borders[chunk + 1])
+    for chunk, rows in _by_chunk(location, cells):
         try:
-            runs.put(np.arange(rows.start, rows.stop), _of_chunk(ctx, location, chunk, moment, cells[rows]))
+            runs.put(rows, _of_chunk(ctx, location, chunk, moment, cells[rows]))
         except CorruptChunkError:
             damaged.append(chunk)
     return Readings(runs, damaged)
+
+
+def _by_chunk(location: LocationRecord, cells: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.int64]]]:
+    """Each chunk that has some of the cells, which are ascending, and their rows."""
+    borders = np.searchsorted(cells, np.arange(location.n_chunks + 1) * CHUNK_CELLS)
+    for chunk in np.flatnonzero(np.diff(borders)).tolist():
+        yield chunk, np.arange(borders[chunk], borders[chunk + 1])
 
 
 def _of_chunk(
@@ -89,9 +95,7 @@ def last_seen(ctx: Context, location: LocationRecord, sample: int, cells: NDArra
     damaged = []
     state = np.full(len(cells), UNOBSERVED, np.uint8)
     seen = np.full(len(cells), NEVER, np.int64)
-    borders = np.searchsorted(cells, np.arange(location.n_chunks + 1) * CHUNK_CELLS)
-    for chunk in np.flatnonzero(np.diff(borders)).tolist():
-        missing = np.arange(borders[chunk], borders[chunk + 1])
+    for chunk, missing in _by_chunk(location, cells):
         try:
             for piece in read_backwards(ctx, location, chunk, sample):
                 found, at = piece.last_seen(sample)

@@ -1,10 +1,11 @@
 """A state as the services answer it, and a source of such states."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tests.support.records import location_record
 from tidemap.errors import LocationNotFoundError, NoModelError
 from tidemap.services.anomalies import Anomaly
 from tidemap.services.locations import LocationSummary
@@ -32,34 +33,18 @@ class FakeState:
 
 def location(name: str, last_time: float | None = NOW, kind: str = "grid3d") -> LocationSummary:
     """A grid as the services describe it."""
-    return LocationSummary(
-        id=1,
+    record = location_record(
         name=name,
         kind=kind,
-        interval_s=60,
         time_zone="Europe/London",
-        epoch=0.0,
         grid=GridGeometry("map", (1.0, 2.0, 3.0), 0.5, (2, 3, 4)),
-        estimator="auto",
-        order=None,
-        confidence=0.9,
-        missing="mask",
-        combine="latest",
-        hold_s=None,
-        retention_s=None,
-        min_cells=1,
-        created_at=0.0,
         observation_seq=3,
-        compacted_seq=0,
         measurements=3,
-        deleted=0,
         first_time=None if last_time is None else NOW - 86400,
         last_time=last_time,
-        revision=1,
-        updated_at=NOW,
-        accuracy=0.9,
-        open_anomalies=0,
     )
+    values = {each.name: getattr(record, each.name) for each in fields(record)}
+    return LocationSummary(**values, updated_at=NOW, accuracy=0.9, open_anomalies=0)
 
 
 class FakeSource:
