@@ -68,6 +68,16 @@ class AnomalyNotFoundError(NotFoundError):
         super().__init__(f"There is no anomaly {anomaly_id}. GET /anomalies lists them.")
 
 
+class ScanNotFoundError(NotFoundError):
+    """No scan of the location has this id."""
+
+    code = "scan-not-found"
+    title = "Scan not found"
+
+    def __init__(self, name: str, scan_id: object) -> None:
+        super().__init__(f"Location {name!r} has no scan {scan_id}. GET /locations/{name}/scans lists them.")
+
+
 class KeyNotFoundError(NotFoundError):
     """No key has this id."""
 
@@ -129,6 +139,16 @@ class JobFinishedError(ConflictError):
 
     def __init__(self, job_id: object, state: str) -> None:
         super().__init__(f"Job {job_id} is {state}: only a queued job can be cancelled.")
+
+
+class ScanSettledError(ConflictError):
+    """A scan that is in quarantine no more cannot be registered again."""
+
+    code = "scan-settled"
+    title = "Scan settled"
+
+    def __init__(self, scan_id: object, verdict: str) -> None:
+        super().__init__(f"Scan {scan_id} is {verdict}: only a scan in quarantine can be registered again.")
 
 
 class UnreadableBodyError(DomainError):

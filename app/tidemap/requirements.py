@@ -18,6 +18,7 @@ MODULES = (
     "pydantic_settings",
     "python_multipart",
     "scipy",
+    "small_gicp",
     "sqlalchemy",
     "tqdm",
     "uvicorn",

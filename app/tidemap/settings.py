@@ -103,6 +103,11 @@ class Settings(BaseSettings):
     idempotency_s: float = Field(
         WEEK_S, ge=WEEK_S, description="How long a post can be sent again under its Idempotency-Key and be stored once."
     )
+    scans_s: float = Field(
+        30 * DAY_S,
+        ge=0,
+        description="How long it is listed what became of a scan; points in quarantine go with that.",
+    )
     jobs_s: float = Field(30 * DAY_S, ge=0, description="How long finished jobs are listed; the last ten stay longer.")
 
     # Updating by itself
@@ -134,6 +139,9 @@ class Settings(BaseSettings):
     spectrum_cache_bytes: int = Field(512 * 2**20, ge=0, description="Memory for spectra.")
     reading_cache_bytes: int = Field(
         128 * 2**20, ge=0, description="Memory for what was read last of each cell, 17 bytes a cell."
+    )
+    surface_cache_bytes: int = Field(
+        64 * 2**20, ge=0, description="Memory for the expected surfaces that scans are aligned to, 160 bytes a cell."
     )
     answer_cache_bytes: int = Field(
         64 * 2**20,

@@ -20,6 +20,11 @@ CONTRACT = {
     ("delete", "/locations/{name}"): {"204"},
     ("post", "/locations/{name}/observations"): {"200", "201"},
     ("delete", "/locations/{name}/observations"): {"200"},
+    ("post", "/locations/{name}/scans"): {"200", "201"},
+    ("get", "/locations/{name}/scans"): {"200"},
+    ("get", "/locations/{name}/scans/{}/points"): {"200"},
+    ("post", "/locations/{name}/scans/{}/replay"): {"200"},
+    ("delete", "/locations/{name}/scans/{}"): {"204"},
     ("post", "/locations/{name}/update"): {"200", "202"},
     ("get", "/jobs"): {"200"},
     ("get", "/jobs/{}"): {"200"},
@@ -42,6 +47,8 @@ PARAMETERS = {
     ("get", "/locations"): {"limit", "after"},
     ("post", "/locations/{name}/observations"): {"source", "Idempotency-Key"},
     ("delete", "/locations/{name}/observations"): {"start", "stop", "source"},
+    ("post", "/locations/{name}/scans"): {"source", "Idempotency-Key"},
+    ("get", "/locations/{name}/scans"): {"registration", "limit", "after"},
     ("post", "/locations/{name}/update"): {"wait"},
     ("get", "/locations/{name}/state"): {"time", "confidence", "order", "estimator", "bbox", "observed"},
     ("get", "/locations/{name}/series"): {"cell", "start", "stop", "step"},
@@ -178,7 +185,7 @@ def examples(document: Any, media: dict[str, Any]) -> list[Any]:
 
 def test_every_body_has_examples(document: Any) -> None:
     found = {(method, path): examples(document, media) for method, path, media in bodies(document)}
-    assert len(found) == 9
+    assert len(found) == 10
     assert not [route for route, shown in found.items() if not shown]
 
 
@@ -190,7 +197,8 @@ def test_every_example_of_a_body_is_accepted(document: Any, api: Api) -> None:
     grid = api.lab(grid={**GRID, "shape": [60, 40, 12]})
     for method, path, media in bodies(document):
         for example in examples(document, media):
-            location = grid if isinstance(example, dict) and "observations" in example else name
+            on_grid = isinstance(example, dict) and {"observations", "ranges"} & example.keys()
+            location = grid if on_grid else name
             if path == "/locations/{name}" and method == "patch":
                 location = api.location()
             address = path.replace("{name}", location).replace("{anomaly_id}", str(event["id"]))

@@ -7,8 +7,10 @@ import numpy as np
 from tidemap.client import arrow
 from tidemap.client.encoding import look
 from tidemap.formats.registry import Body
+from tidemap.ingest.scan import SentScan
 from tidemap.media_types import ARROW
 from tidemap.schemas.locations import Grid, LocationForm
+from tidemap.schemas.scans import ScanHeader
 from tidemap.services.context import Context
 from tidemap.services.locations import create_location, find_location
 from tidemap.services.observe import observe
@@ -32,6 +34,14 @@ def seen(time_s: float) -> bytes:
     rows = np.sort(random.choice(CELLS.size, N_SEEN, replace=False))
     occupied = _occupied(time_s)[rows] ^ (random.random(N_SEEN) < NOISE)
     return arrow.write(look(time_s, CELLS[rows[occupied]], CELLS[rows[~occupied]]).named())
+
+
+def scan(time_s: float) -> SentScan:
+    """A scan from the middle of the box, a metre around."""
+    directions = np.random.default_rng(int(time_s)).normal(size=(1000, 3))
+    points = directions / np.linalg.norm(directions, axis=1)[:, np.newaxis]
+    header = ScanHeader(time=time_s, map_from_sensor=[4.5, 5.0, 0.5, 0.0, 0.0, 0.0, 1.0])
+    return SentScan(header, points.astype(np.float32))
 
 
 def bodies(count: int, before_s: float) -> list[bytes]:

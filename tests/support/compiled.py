@@ -3,6 +3,7 @@
 import json
 import sys
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 from numba.core.dispatcher import Dispatcher
@@ -14,6 +15,7 @@ from tidemap.media_types import ARROW
 from tidemap.services.detect import DetectQuery, detect
 from tidemap.services.observe import observe
 from tidemap.services.posts import Post
+from tidemap.services.scans import begin_scan
 from tidemap.services.warm import warm
 from tidemap.storage.store import migrate_database
 
@@ -36,6 +38,7 @@ def work(url: str) -> None:
             observe(ctx, lab.NAME, Post(Body(lab.seen(clock.now - ago_s), ARROW)))
             compact_now(ctx, lab.NAME)
         refit(ctx, lab.NAME)
+        begin_scan(ctx, lab.NAME, Post(Body(b"", "")), partial(lab.scan, clock.now)).result()
         detect(ctx, lab.NAME, DetectQuery(clock.now - lab.DAY_S, clock.now))
         make_location(ctx, "door")
         minute = np.arange(3000)

@@ -12,22 +12,23 @@ from tidemap.api import errors, live
 from tidemap.api.budget import Budget
 from tidemap.api.limits import Limits, Senders
 from tidemap.api.metrics import RequestMetrics, count_refused, make_registry
-from tidemap.api.routers import anomalies, health, jobs, keys, locations, maps, observations
+from tidemap.api.routers import anomalies, health, jobs, keys, locations, maps, observations, scans
 from tidemap.api.state import AppState
 from tidemap.media_types import PROBLEM
 from tidemap.schemas.common import Problem
 from tidemap.schemas.maps import EvaluateForm, PredictForm
 from tidemap.schemas.observations import GridObservations, StateObservations
+from tidemap.schemas.scans import RangesScan, ScanHeader
 from tidemap.services.context import Context
 from tidemap.version import __version__
 
 BASE = "/api/v1"
-ROUTERS = tuple(each.router for each in (locations, observations, maps, anomalies, jobs, keys))
+ROUTERS = tuple(each.router for each in (locations, observations, scans, maps, anomalies, jobs, keys))
 _REASONS = {
     400: "The body cannot be read.",
     401: "A key is needed.",
     403: "The key's role does not allow this.",
-    404: "Unknown location, cell, job, anomaly or key.",
+    404: "Unknown location, cell, scan, job, anomaly or key.",
     409: "Conflict: the name is taken, the idempotency key was used, or there is no revision yet (`no-model`).",
     413: "The unpacked body is too large.",
     415: "The media type is not read here.",
@@ -49,6 +50,8 @@ _KINDS = {
     500: "corrupt-chunk",
     503: "queue-full",
 }
+_OWN_FORMS = (StateObservations, GridObservations, ScanHeader, RangesScan, PredictForm, EvaluateForm)
+"""Forms that routes read by themselves."""
 LONG_QUESTIONS = 4
 """Questions that compute for long at once; more wait."""
 _SUMMARY = "A map service for robots that live in one place for months."
@@ -135,7 +138,7 @@ def _document(app: FastAPI) -> None:
             document = generate()
             parts = document.setdefault("components", {})
             schemas = parts.setdefault("schemas", {})
-            for form in (StateObservations, GridObservations, PredictForm, EvaluateForm, Problem):
+            for form in (*_OWN_FORMS, Problem):
                 schema = form.model_json_schema(ref_template="#/components/schemas/{model}")
                 schemas.update(schema.pop("$defs", {}))
                 schemas[form.__name__] = schema

@@ -2,8 +2,9 @@
 
 import json
 import struct
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,16 +20,37 @@ from tidemap.space.grid import GridGeometry
 def read(content: Content, kind: str, grid: GridGeometry) -> Columns:
     """Columns of an Arrow IPC stream. Raises UnreadableBodyError, InvalidInputError."""
     del grid
-    table = _load(content, kind)
+    table = _load(content, partial(_check_columns, kind=kind))
     cell = None if kind == "state" else _integers(table.column("cell"))
     return of_table(_times(table.column("time")), cell, _integers(table.column("state")))
 
 
-def _load(content: Content, kind: str) -> Any:
+def read_floats(content: Content, needed: Sequence[str], more: Sequence[str] = ()) -> dict[str, NDArray[np.floating]]:
+    """Columns of float32 or float64 (n,), those that are needed and those of `more` that are there.
+
+    Raises UnreadableBodyError, InvalidInputError.
+    """
+
+    def check(schema: Any) -> None:
+        known = [*needed, *more]
+        errors = [FieldError(name, "this column is missing") for name in needed if name not in schema.names]
+        for each in schema:
+            if each.name not in known or schema.names.count(each.name) > 1:
+                errors.append(FieldError(each.name, f"send {', '.join(known)} once each, and no other column"))
+            elif not (pa.types.is_float32(each.type) or pa.types.is_float64(each.type)):
+                errors.append(FieldError(each.name, f"its type is {each.type}; send float32 or float64"))
+        if errors:
+            raise InvalidInputError(*errors)
+
+    table = _load(content, check)
+    return {name: _array_values(table.column(name)) for name in table.column_names}
+
+
+def _load(content: Content, check: Callable[[Any], None]) -> Any:
     """The table; nothing but the schema is read before that is right, and nothing is ever unpacked."""
     try:
         with pa.ipc.open_stream(pa.py_buffer(content)) as reader:
-            _check_columns(reader.schema, kind)
+            check(reader.schema)
             _refuse_packed(content)
             table = reader.read_all()
         table.validate(full=True)

@@ -43,6 +43,17 @@ def read_grid(content: Content, grid: GridGeometry, time: float) -> Columns:
     return Columns(np.full(len(cell), time), cell, states[cell], lambda _: "time", cell_field, cell_field, "body")
 
 
+def read_array(content: Content) -> NDArray[Any]:
+    """An array of plain numbers, as a view of the content. Raises UnreadableBodyError, InvalidInputError."""
+    head = _head(content)
+    if head.dtype.kind not in "iubf" or not head.shape:
+        raise InvalidInputError.at(
+            "body", f"its type is {head.dtype}, its shape {head.shape}; send an array of numbers"
+        )
+    _check_length(head, content)
+    return np.ndarray(head.shape, head.dtype, content, head.end, order="F" if head.fortran else "C")
+
+
 def _load_grid(content: Content, grid: GridGeometry) -> NDArray[np.uint8]:
     """The state of each cell (n_cells,), of bytes that need not be signed alike."""
     head = _head(content)

@@ -87,6 +87,8 @@ def _unpacked(content: Content, start: int, size: int) -> bytes:
         raise unreadable("PCD", f"its header declares {size} bytes, but its compressed points {unpacked}")
     if packed != len(content) - start - 8:
         raise _wrong_length(packed, len(content) - start - 8)
+    if size > MAX_UNPACKED_BYTES:
+        raise unreadable("PCD", f"its points would be {size} bytes; at most {MAX_UNPACKED_BYTES} are unpacked")
     if size > packed * MAX_GROWTH:
         raise unreadable("PCD", f"its {packed} compressed bytes cannot be {size} bytes of points")
     found = np.empty(size, np.uint8)
@@ -95,6 +97,8 @@ def _unpacked(content: Content, start: int, size: int) -> bytes:
     return found.tobytes()
 
 
+MAX_UNPACKED_BYTES = 1 << 28
+"""Bytes that compressed points may unpack to: they are in memory beside the body."""
 MAX_GROWTH = 88
 """Three bytes of LZF stand for at most 264."""
 

@@ -44,6 +44,16 @@ def checked(columns: Columns, target: Target) -> Measurements:
     return _in_order(columns, target) if look is None else look
 
 
+def check_time(time: float, target: Target) -> None:
+    """Raise InvalidInputError for a time that no measurement may have."""
+    nothing = np.zeros(1, np.int64)
+    _check(Columns(np.array([time]), nothing, nothing, _time, _time, _time, "time"), 0, target)
+
+
+def _time(_: int) -> str:
+    return "time"
+
+
 def _in_order(columns: Columns, target: Target) -> Measurements:
     """Measurements of any kind."""
     for start in range(0, len(columns.time), BLOCK):

@@ -17,6 +17,7 @@ from tidemap.services.damage import Damage
 from tidemap.services.location_cache import LocationCache
 from tidemap.services.state_buffer import StateBuffer
 from tidemap.settings import Settings
+from tidemap.space.alignment import Surface
 from tidemap.spectral.conditioning import Evidence
 from tidemap.spectral.spectrum import Spectrum
 from tidemap.storage.records import RevisionRecord
@@ -55,6 +56,7 @@ class Caches:
     histories: ByteCache[History]
     tails: ByteCache[Tail]
     evidence: ByteCache[KeptEvidence]
+    surfaces: ByteCache[Surface]
     buffers: BufferPool[StateBuffer]
     locations: LocationCache = field(default_factory=LocationCache)
     reading_on: Lock = field(default_factory=Lock)
@@ -69,6 +71,7 @@ class Caches:
             ),
             tails=ByteCache(settings.history_cache_bytes // 2, tail_bytes),
             evidence=ByteCache(settings.reading_cache_bytes, lambda kept: kept.evidence.nbytes),
+            surfaces=ByteCache(settings.surface_cache_bytes, lambda surface: surface.nbytes),
             buffers=BufferPool(settings.answer_cache_bytes),
         )
 

@@ -57,7 +57,7 @@ def begin(ctx: Context, name: str, post: Post) -> Future[Observed]:
 
     Who sent it and whether its key was used is looked up where it is stored. Raises as `observe`.
     """
-    return ctx.store.submit_item(store_all, judged(ctx, post, *parsed(ctx, name, post)), partial(_publish, ctx))
+    return ctx.store.submit_item(store_all, judged(ctx, post, *parsed(ctx, name, post)), partial(publish, ctx))
 
 
 def begin_quick(ctx: Context, name: str, post: Post) -> Future[Observed]:
@@ -66,7 +66,7 @@ def begin_quick(ctx: Context, name: str, post: Post) -> Future[Observed]:
     The future has what `observe` returns or raises, or NotQuickError: then nothing was stored, and `begin` is for it.
     For posts that are quick as far as can be seen (`is_quick`).
     """
-    return ctx.store.submit_deferred(store_all, partial(_quick_entry, ctx, name, post), partial(_publish, ctx))
+    return ctx.store.submit_deferred(store_all, partial(_quick_entry, ctx, name, post), partial(publish, ctx))
 
 
 def is_quick(ctx: Context, name: str, post: Post) -> bool:
@@ -95,12 +95,17 @@ def parsed(ctx: Context, name: str, post: Post) -> tuple[LocationRecord, Measure
     try:
         location = ctx.caches.locations.get(name, partial(find_location, ctx))
         columns = registry.read(post.body, location.kind, location.cells)
-        now, settings = ctx.clock(), ctx.settings
-        earliest = max(now - settings.past_s, -FARTHEST_S)
-        return location, checked(columns, Target(location.cells, earliest, now + settings.future_s))
+        return location, checked(columns, target_of(ctx, location))
     except DomainError:
-        _refuse(ctx, name, post)
+        refuse(ctx, name, post)
         raise
+
+
+def target_of(ctx: Context, location: LocationRecord) -> Target:
+    """What measurements of a location may be, now."""
+    now, settings = ctx.clock(), ctx.settings
+    earliest = max(now - settings.past_s, -FARTHEST_S)
+    return Target(location.cells, earliest, now + settings.future_s)
 
 
 def judged(ctx: Context, post: Post, location: LocationRecord, measurements: Measurements) -> Entry:
@@ -110,7 +115,7 @@ def judged(ctx: Context, post: Post, location: LocationRecord, measurements: Mea
     """
     kept = _retained(ctx, location, measurements)
     location, events = _events(ctx, location, kept)
-    return Entry(location, post, _record(ctx, post, kept), events, len(measurements) - len(kept))
+    return Entry(location, post, record_of(ctx, post, kept), events, len(measurements) - len(kept))
 
 
 def _retained(ctx: Context, location: LocationRecord, measurements: Measurements) -> Measurements:
@@ -121,7 +126,7 @@ def _retained(ctx: Context, location: LocationRecord, measurements: Measurements
     return measurements.select(slice(int(np.searchsorted(measurements.time, oldest)), None))
 
 
-def _refuse(ctx: Context, name: str, post: Post) -> None:
+def refuse(ctx: Context, name: str, post: Post) -> None:
     """Of a post that is wrong, what is to be said before that.
 
     Raises UnauthorizedError, LocationNotFoundError, IdempotencyConflictError.
@@ -163,7 +168,8 @@ def _telling(location: LocationRecord, measurements: Measurements) -> Measuremen
     return measurements if location.combine != ANY else measurements.select(measurements.state == OCCUPIED)
 
 
-def _record(ctx: Context, post: Post, measurements: Measurements) -> ObservationRecord:
+def record_of(ctx: Context, post: Post, measurements: Measurements) -> ObservationRecord:
+    """What the log holds of a post."""
     return ObservationRecord(
         received_at=ctx.clock(),
         source=post.source,
@@ -176,7 +182,7 @@ def _record(ctx: Context, post: Post, measurements: Measurements) -> Observation
     )
 
 
-def _publish(ctx: Context, stored: Observed) -> None:
+def publish(ctx: Context, stored: Observed) -> None:
     """Publish a post in the order of the commits: who resumes behind the last event it heard of has missed none."""
     if not stored.accepted:
         return

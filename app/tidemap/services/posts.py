@@ -2,13 +2,13 @@
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from tidemap.errors import DomainError, IdempotencyConflictError, LocationNotFoundError, UnauthorizedError
 from tidemap.formats.registry import Body
 from tidemap.services.anomalies import Anomaly, anomaly_of
 from tidemap.services.keys import Claim, confirm
-from tidemap.storage.records import AnomalyRecord, LocationRecord, ObservationRecord
+from tidemap.storage.records import AnomalyRecord, LocationRecord, ObservationRecord, ScanRecord
 from tidemap.storage.work import Work
 
 
@@ -24,7 +24,10 @@ class Post:
 
 @dataclass(frozen=True, slots=True)
 class Observed:
-    """What became of a post; events carry their ids. A duplicate, or one of nothing, has no number of its own."""
+    """What became of a post; events carry their ids. A duplicate, or one of nothing, has no number of its own.
+
+    scan: of a scan what is stored of it, of a duplicate the first one's; None where that is not stored any more.
+    """
 
     location: str
     source: str | None
@@ -36,17 +39,22 @@ class Observed:
     last_time: float | None
     anomalies: list[Anomaly]
     revision: int
+    scan: ScanRecord | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entry:
-    """A post that is parsed and judged: what is to be stored of it; `dropped` measurements are not."""
+    """A post that is parsed and judged: what is to be stored of it; `dropped` measurements are not.
+
+    A scan that is quarantined has no measurements.
+    """
 
     location: LocationRecord
     post: Post
     record: ObservationRecord
     events: list[AnomalyRecord]
     dropped: int
+    scan: ScanRecord | None = None
 
 
 Outcome = Observed | DomainError
@@ -67,20 +75,43 @@ def store_all(work: Work, entries: Sequence[Entry]) -> list[Outcome]:
         known = work.observations.digests(
             location_id, [key for entry in group if (key := entry.record.idempotency_key)]
         )
+        scans = _known_scans(work, location_id, group)
+        known |= {key: scan.body_hash for key, scan in scans.items() if scan.body_hash is not None}
         for entry in group:
-            settled = claims[entry.post.claim] or _settled(entry, known)
+            settled = claims[entry.post.claim] or _settled(entry, known, scans)
             if settled is None:
                 fresh.append(entry)
             else:
                 outcome[entry] = settled
-        first = work.observations.append(location_id, [entry.record for entry in fresh]) if fresh else 0
-        if first is None:
+        stored = _append(work, location_id, fresh) if fresh else {}
+        if stored is None:
             outcome |= {entry: LocationNotFoundError(entry.location.name) for entry in fresh}
         else:
-            numbers |= {entry: number for number, entry in enumerate(fresh, first)}
+            numbers |= stored
     # After the last location, for what numbers events is locked, too; in the order in which they will be published.
     outcome |= _with_events(work, {entry: numbers[entry] for entry in entries if entry in numbers})
     return [outcome[entry] for entry in entries]
+
+
+def _known_scans(work: Work, location_id: int, entries: Sequence[Entry]) -> dict[str, ScanRecord]:
+    """The scans that were posted under the keys of scans among these, by key."""
+    keys = [key for entry in entries if entry.scan is not None and (key := entry.record.idempotency_key)]
+    return work.scans.by_key(location_id, keys) if keys else {}
+
+
+def _append(work: Work, location_id: int, entries: Sequence[Entry]) -> dict[Entry, int] | None:
+    """Append what was measured to the log; the number of each, 0 of a scan in quarantine.
+
+    None where the location is gone.
+    """
+    measured = [entry for entry in entries if entry.record.measurements]
+    numbers = dict.fromkeys(entries, 0)
+    if measured:
+        first = work.observations.append(location_id, [entry.record for entry in measured])
+        if first is None:
+            return None
+        return numbers | {entry: number for number, entry in enumerate(measured, first)}
+    return numbers if work.locations.exists(location_id) else None
 
 
 def _by_location(entries: Sequence[Entry]) -> dict[int, list[Entry]]:
@@ -100,7 +131,7 @@ def _confirmed(work: Work, claim: Claim | None) -> UnauthorizedError | None:
     return None
 
 
-def _settled(entry: Entry, known: dict[str, bytes]) -> Outcome | None:
+def _settled(entry: Entry, known: dict[str, bytes], scans: Mapping[str, ScanRecord]) -> Outcome | None:
     """What becomes of a post whose key was used before, or that has nothing to store.
 
     None of a new one, whose key is known from now on.
@@ -110,8 +141,8 @@ def _settled(entry: Entry, known: dict[str, bytes]) -> Outcome | None:
     if key is not None and key in known:
         if known[key] != digest:
             return IdempotencyConflictError(key)
-        return Observed(*who, 0, 0, 0, True, None, None, [], entry.location.revision)
-    if not entry.record.measurements:
+        return Observed(*who, 0, 0, 0, True, None, None, [], entry.location.revision, scans.get(key))
+    if not entry.record.measurements and entry.scan is None:
         return Observed(*who, 0, 0, entry.dropped, False, None, None, [], entry.location.revision)
     if key is not None and digest is not None:
         known[key] = digest
@@ -119,10 +150,21 @@ def _settled(entry: Entry, known: dict[str, bytes]) -> Outcome | None:
 
 
 def _with_events(work: Work, numbers: Mapping[Entry, int]) -> Iterable[tuple[Entry, Outcome]]:
-    """Store the events of posts that are stored under these numbers."""
+    """Store the events and the scans of posts that are stored under these numbers."""
     events = iter(work.anomalies.append([event for entry in numbers for event in entry.events]))
+    scans = iter(
+        work.scans.append(
+            [
+                replace(entry.scan, observation=number or None)
+                for entry, number in numbers.items()
+                if entry.scan is not None
+            ]
+        )
+    )
     for entry, number in numbers.items():
         record, location = entry.record, entry.location
         stored = [anomaly_of(location, next(events)) for _ in entry.events]
-        what = (number, record.measurements, entry.dropped, False, record.first_time, record.last_time)
-        yield entry, Observed(location.name, record.source, *what, stored, location.revision)
+        first, last = (record.first_time, record.last_time) if record.measurements else (None, None)
+        what = (number, record.measurements, entry.dropped, False, first, last)
+        scan = None if entry.scan is None else next(scans)
+        yield entry, Observed(location.name, record.source, *what, stored, location.revision, scan)

@@ -13,15 +13,15 @@ KEPT_JOBS = 10
 
 
 def prune(ctx: Context, check: Callable[[], None] = lambda: None) -> int:
-    """Delete idempotency keys, with the rows of the log that stood for them alone, and finished jobs; how many rows.
+    """Delete idempotency keys, with the rows of the log that stood for them alone, scans and finished jobs; how many.
 
-    Both only after the time that the settings say. `check` is called between two transactions; what it raises ends
+    All only after the time that the settings say. `check` is called between two transactions; what it raises ends
     this. Raises BusyError.
     """
     with ctx.store.read() as work:
         locations = list(work.locations.names())
     pruned = 0
-    for location_id, step in product(locations, (_prune_log, _prune_jobs)):
+    for location_id, step in product(locations, (_prune_log, _prune_scans, _prune_jobs)):
         deleted = ROWS
         while deleted == ROWS:
             check()
@@ -42,6 +42,13 @@ def _prune_log(ctx: Context, location_id: int) -> int:
         return work.observations.prune(location_id, last)
 
     return ctx.store.write(prune)
+
+
+def _prune_scans(ctx: Context, location_id: int) -> int:
+    before = ctx.clock() - ctx.settings.scans_s
+    with ctx.store.read() as work:
+        old = work.scans.older(location_id, before, ROWS)
+    return ctx.store.write(lambda work: work.scans.delete(location_id, old)) if old else 0
 
 
 def _prune_jobs(ctx: Context, location_id: int) -> int:

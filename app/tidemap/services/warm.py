@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tidemap.formats import pcd
 from tidemap.history.combining import ANY, LATEST, MAJORITY
 from tidemap.history.erasing import erase
 from tidemap.history.history import History
@@ -16,13 +17,22 @@ from tidemap.history.segment import Segment, merge
 from tidemap.history.snapshot import sort_snapshot
 from tidemap.history.timebase import TimeBase
 from tidemap.space.grid import GridGeometry
+from tidemap.space.pose import Pose
 from tidemap.space.regions import label_regions
+from tidemap.space.scan import Scan
 from tidemap.spectral.anomaly import surprising
 from tidemap.spectral.auto.selection import choose
 from tidemap.spectral.conditioning import UNLEARNED, Evidence
 from tidemap.spectral.model import add, reconstruct, update
 from tidemap.spectral.prediction import StateColumns, predict, predict_times, write_waves
 from tidemap.storage.blobs import pack_measurements, pack_segment, unpack_measurements, unpack_segment
+
+COMPRESSED = (
+    b"FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 1\nHEIGHT 1\nDATA binary_compressed\n"
+    + np.array([13, 12], "<u4").tobytes()
+    + bytes([11, *range(12)])
+)
+"""A cloud of one point, packed as literals."""
 
 
 def warm() -> None:
@@ -31,6 +41,7 @@ def warm() -> None:
     Also on read-only planes, which is what arrays over stored bytes are.
     """
     _post()
+    _scan()
     _compact()
     _fit_and_ask()
 
@@ -41,6 +52,14 @@ def _post() -> None:
         unpack_measurements(pack_measurements(look), "a look")
     zero = np.zeros(1, np.int64)
     label_regions(GridGeometry("", (0.0, 0.0, 0.0), 1.0, (1,)), zero, zero, np.zeros(1, np.uint8))
+
+
+def _scan() -> None:
+    points = np.array([[0.5, 0.0, 0.0], [9.0, 1.0, 0.5]], np.float32)
+    for each in (points, _read_only(points)):
+        Scan(each, Pose.of(np.eye(4)), max_range_m=5.0).cast(GridGeometry("", (0.0, 0.0, 0.0), 1.0, (2, 2, 2)))
+    for content in COMPRESSED, bytearray(COMPRESSED):
+        pcd.read(content)
 
 
 def _compact() -> None:

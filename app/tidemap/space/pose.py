@@ -6,6 +6,7 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 from tidemap.history.jit import kernel
 
@@ -75,6 +76,22 @@ class Pose:
         if abs(norm - 1) > MAX_QUATERNION_ERROR:
             raise ValueError(f"The quaternion has the norm {norm:.6g}, but that of a rotation is 1. Normalise it.")
         return cls(_rotation(quaternion / norm), translation)
+
+    @classmethod
+    def of_rotation_vector(cls, vector: ArrayLike, translation: ArrayLike) -> "Pose":
+        """A pose of a rotation vector (3,), radians about its own direction, and a translation (3,)."""
+        return cls(Rotation.from_rotvec(np.asarray(vector, np.float64)).as_matrix(), np.array(translation, np.float64))
+
+    @property
+    def rotation_vector(self) -> Array:
+        """The rotation as (3,): its angle in radians about its own direction."""
+        return np.asarray(Rotation.from_matrix(self.rotation).as_rotvec(), np.float64)
+
+    @property
+    def values(self) -> list[float]:
+        """[x, y, z, qx, qy, qz, qw] with qw >= 0; what `of` reads."""
+        turn = Rotation.from_matrix(self.rotation).as_quat(canonical=True)
+        return [*self.translation.tolist(), *turn.tolist()]
 
     @property
     def matrix(self) -> Array:

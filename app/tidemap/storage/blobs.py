@@ -116,6 +116,17 @@ def unpack_cells(blob: bytes, what: str) -> NDArray[np.int64]:
     return unseal(blob, what, "cell")["cell"].astype(np.int64)
 
 
+def pack_scan(points: NDArray[np.float32], header: Any) -> bytes:
+    """The points (n, 3) of a scan, and what was said of it as plain JSON."""
+    return seal({"points": points.astype("<f4", copy=False), "header": np.array(json.dumps(header).encode())})
+
+
+def unpack_scan(blob: bytes, what: str) -> tuple[NDArray[np.float32], Any]:
+    """The inverse of `pack_scan`. Raises CorruptChunkError."""
+    columns = cast(dict[str, Any], unseal(blob, what, "points", "header"))
+    return columns["points"], json.loads(columns["header"].item())
+
+
 def pack_json(value: Any) -> bytes:
     """A value of plain JSON."""
     return seal({"json": np.array(json.dumps(value).encode())}, SMALL)

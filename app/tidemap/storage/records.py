@@ -208,3 +208,25 @@ class KeyRecord:
     prefix: str
     hash: bytes
     created_at: float
+
+
+@dataclass(frozen=True)
+class ScanRecord:
+    """A scan and what became of it; `id` is 0 until it is stored. `registration` is plain JSON.
+
+    payload: its points, as long as it is in quarantine, `n_bytes` long.
+    """
+
+    location_id: int
+    id: int
+    observation: int | None
+    time: float
+    received_at: float
+    source: str | None
+    verdict: str
+    registration: dict[str, Any]
+    points: int
+    idempotency_key: str | None
+    body_hash: bytes | None
+    n_bytes: int
+    payload: bytes | None

@@ -91,6 +91,28 @@ source = Table(
     sqlite_with_rowid=False,
 )
 
+# What became of each scan; those in quarantine still carry their points, and their idempotency key, as no observation
+# has it. `observation` is the number of the one that a scan became.
+scan = Table(
+    "scan",
+    metadata,
+    _location_id(),
+    Column("id", BigInt, primary_key=True, autoincrement=False),
+    Column("observation", BigInt),
+    Column("time", Float(53), nullable=False),
+    Column("received_at", Float(53), nullable=False),
+    Column("source", String(128)),
+    Column("verdict", String(16), nullable=False),
+    Column("registration", LargeBinary, nullable=False),
+    Column("points", BigInt, nullable=False),
+    Column("idempotency_key", String(255)),
+    Column("body_hash", LargeBinary),
+    Column("n_bytes", BigInt, nullable=False),
+    Column("payload", LargeBinary),
+    Index("ix_scan_idempotency", "location_id", "idempotency_key", unique=True),
+    Index("ix_scan_verdict", "location_id", "verdict"),
+)
+
 # Cell-major history: one row per chunk of cells and segment of samples.
 history = Table(
     "history",

@@ -10,6 +10,7 @@ from tidemap.storage.repositories.jobs import JobRepository
 from tidemap.storage.repositories.keys import KeyRepository
 from tidemap.storage.repositories.locations import LocationRepository
 from tidemap.storage.repositories.observations import ObservationRepository
+from tidemap.storage.repositories.scans import ScanRepository
 from tidemap.storage.repositories.segments import SegmentRepository
 from tidemap.storage.repositories.sources import SourceRepository
 from tidemap.storage.repositories.spectra import SpectrumRepository
@@ -25,6 +26,7 @@ class Work:
     segments: SegmentRepository
     spectra: SpectrumRepository
     anomalies: AnomalyRepository
+    scans: ScanRepository
     jobs: JobRepository
     keys: KeyRepository
     terms: FencingTokens
@@ -39,6 +41,7 @@ class Work:
             SegmentRepository(connection),
             SpectrumRepository(connection),
             AnomalyRepository(connection),
+            ScanRepository(connection),
             JobRepository(connection),
             KeyRepository(connection),
             FencingTokens(connection),

@@ -19,6 +19,8 @@ from tidemap.services.keys import Principal
 from tidemap.services.observe import submit
 from tidemap.services.posts import Post
 
+Source = Annotated[Text | None, Query(max_length=128, description="The robot's name.")]
+IdempotencyKey = Annotated[str | None, Header(alias="Idempotency-Key", min_length=1, max_length=255)]
 router = APIRouter(prefix="/locations/{name}/observations", tags=["observations"], route_class=StrictRoute)
 
 _BODY: dict[str, Any] = {
@@ -76,11 +78,11 @@ async def post(
     name: str,
     robot: Robot,
     request: Request,
-    source: Annotated[Text | None, Query(max_length=128, description="The robot's name.")] = None,
+    source: Source = None,
     time: Annotated[
         str | None, Query(description="When a grid (npy) was seen; required for it, and for it alone.")
     ] = None,
-    idempotency_key: Annotated[str | None, Header(alias="Idempotency-Key", min_length=1, max_length=255)] = None,
+    idempotency_key: IdempotencyKey = None,
 ) -> Response:
     """Post measurements; answered after their durable commit.
 
@@ -88,7 +90,7 @@ async def post(
     """
     with state_of(request).budget.share() as share:
         body = await posted_body(request, time, share)
-        sent = Post(body, source or _name(robot.principal), idempotency_key, robot.claim)
+        sent = Post(body, source or name_of(robot.principal), idempotency_key, robot.claim)
         result = await confirming(request, robot, submit(state_of(request).ctx, name, sent))
     return Response(accepted_view(result).model_dump_json(), 200 if result.duplicate else 201, media_type=JSON)
 
@@ -115,6 +117,6 @@ async def delete(
     return Deleted(deleted=await answered(request, lambda check: work(check=check)))
 
 
-def _name(robot: Principal) -> str | None:
+def name_of(robot: Principal) -> str | None:
     """A robot that does not say its name goes by its key's."""
     return None if robot.key_id is None else robot.name

@@ -36,6 +36,10 @@ class LocationRepository:
             raise LocationNotFoundError(f"number {location_id}")
         return LocationRecord.of(row._mapping)
 
+    def exists(self, location_id: int) -> bool:
+        """Whether there still is a location of this id."""
+        return self._connection.execute(_BY_ID, {"id": location_id}).first() is not None
+
     def list(self, after: str | None = None, limit: int | None = None) -> list[LocationRecord]:
         """In order of their names."""
         query = select(location_table).order_by(location_table.c.name).limit(limit)

@@ -1,0 +1,145 @@
+"""Alignment: the pose from which a scan fits known surfaces best.
+
+Point-to-plane ICP (Chen and Medioni, 1992) by small_gicp (Koide, JOSS 2024), coarse to fine. Whatever is flat is lifted
+to three layers, so that its lines are walls and it moves in its plane alone.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import small_gicp
+from numpy.typing import NDArray
+
+from tidemap.space.pose import Array, Pose
+
+COARSE, FINE = 5.0, 2.5
+"""How far apart, in lengths of a cell, a point and its surface may be: first, and then."""
+MAX_ITERATIONS = 20
+"""Of each of both: what has not converged by then is lost."""
+NEIGHBOURS = 20
+"""Cells that the normal of a surface is estimated from."""
+MAX_SOURCE_POINTS = 12_000
+"""Points of a scan that take part; more are thinned evenly."""
+AXES, FLAT_AXES = [0, 1, 2, 3, 4, 5], [2, 3, 4]
+"""Of small_gicp's six unknowns (rotation, then translation) those that are free, in space and in the plane."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Alignment:
+    """Where an alignment ended: `map_from_sensor`, whether it came to rest, and how many points met a surface.
+
+    weakest: how firmly those hold the scan in the direction in which they do least, 0 (not at all, as along a bare
+    corridor) to 1: the smallest eigenvalue of the translation's Schur complement in the normal equations, a point.
+    """
+
+    map_from_sensor: Pose
+    converged: bool
+    inliers: int
+    weakest: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SourceCloud:
+    """Points of a scan about its sensor, thinned, with the map's axes; `stated` is the pose that they came with."""
+
+    cloud: small_gicp.PointCloud
+    stated: Pose
+
+
+class Surface:
+    """Centres (n, 3) of occupied cells, in metres about `origin` (3,), as surfaces that scans are aligned to.
+
+    `flat`: heights are left out, of scans too.
+    """
+
+    def __init__(self, centres: Array, origin: Array, spacing_m: float, flat: bool) -> None:
+        self.n_points = len(centres)
+        self.spacing_m, self.flat = spacing_m, flat
+        self._origin = origin
+        self._centres = centres * _used(flat)
+
+    @cached_property
+    def _known(self) -> tuple[small_gicp.PointCloud, small_gicp.KdTree]:
+        """The cloud with its normals, and its tree; 5 µs a cell."""
+        cloud = _cloud(self._centres, self.spacing_m, self.flat)
+        tree = small_gicp.KdTree(cloud)
+        small_gicp.estimate_normals(cloud, tree, num_neighbors=NEIGHBOURS)
+        return cloud, tree
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that it takes, in bytes: centres, points, normals and the tree."""
+        return self.n_points * (3 if self.flat else 1) * 160
+
+    def source(self, points: NDArray[np.floating], stated: Pose) -> SourceCloud:
+        """A scan's points (n, 3) in the sensor's frame, ready to be aligned from a pose near the stated one."""
+        rotated = Pose(stated.rotation, np.zeros(3)).apply(points) * _used(self.flat)
+        return SourceCloud(_cloud(_thinned(rotated, self.spacing_m), self.spacing_m, self.flat), stated)
+
+    def align(self, source: SourceCloud, shift: Array) -> Alignment:
+        """Align from the stated pose, shifted (6,) by x, y, z in metres and a rotation vector in radians."""
+        cloud, tree = self._known
+        stated = source.stated
+        about = (stated.translation + shift[:3] - self._origin) * _used(self.flat)
+        start = Pose.of_rotation_vector(shift[3:], about).matrix
+        for distance in (COARSE, FINE):
+            result = small_gicp.align(
+                cloud,
+                source.cloud,
+                tree,
+                start,
+                registration_type="PLANE_ICP",
+                max_correspondence_distance=distance * self.spacing_m,
+                max_iterations=MAX_ITERATIONS,
+            )
+            start = result.T_target_source
+        turn, translation = start[:3, :3], start[:3, 3] + self._origin
+        if self.flat:
+            turn, translation = _in_plane(turn), np.array([*translation[:2], stated.translation[2]])
+        pose = Pose(turn @ stated.rotation, translation)
+        inliers = int(result.num_inliers)
+        return Alignment(pose, bool(result.converged), inliers, _weakest(result.H, inliers, self.flat))
+
+
+def _used(flat: bool) -> Array:
+    """(3,) 1 for the axes that count, 0 for others."""
+    return np.array([1.0, 1.0, 0.0 if flat else 1.0])
+
+
+def _cloud(points: Array, spacing_m: float, flat: bool) -> small_gicp.PointCloud:
+    """Points (n, 3); flat ones in three layers."""
+    if flat:
+        points = np.concatenate([points + np.array([0.0, 0.0, height]) for height in (-spacing_m, 0.0, spacing_m)])
+    return small_gicp.PointCloud(np.ascontiguousarray(points, np.float64))
+
+
+def _thinned(points: Array, spacing_m: float) -> Array:
+    """The means of points (n, 3) in boxes of a cell's length, or of the smallest larger ones that are few enough."""
+    size = spacing_m
+    while True:
+        found = np.asarray(small_gicp.voxelgrid_sampling(points, size).points())[:, :3]
+        if len(found) <= MAX_SOURCE_POINTS:
+            return found
+        size *= 1.25
+
+
+def _in_plane(turn: Array) -> Array:
+    """The part about z of a rotation (3, 3)."""
+    length = np.hypot(turn[0, 0] + turn[1, 1], turn[1, 0] - turn[0, 1])
+    cosine, sine = (turn[0, 0] + turn[1, 1]) / length, (turn[1, 0] - turn[0, 1]) / length
+    return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _weakest(hessian: Array, inliers: int, flat: bool) -> float:
+    """`Alignment.weakest` of the normal equations (6, 6)."""
+    free = FLAT_AXES if flat else AXES
+    n_rotations = len(free) - (2 if flat else 3)
+    known = np.asarray(hessian)[np.ix_(free, free)]
+    rotations, both, shifts = (
+        known[:n_rotations, :n_rotations],
+        known[:n_rotations, n_rotations:],
+        known[n_rotations:, n_rotations:],
+    )
+    left = shifts - both.T @ np.linalg.pinv(rotations, hermitian=True) @ both
+    return max(0.0, float(np.linalg.eigvalsh(left)[0])) / max(1, inliers)

@@ -1,0 +1,102 @@
+"""The repository of scans."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from typing import Any
+
+from sqlalchemy import Connection, RowMapping, delete, insert, select, update
+
+from tidemap.storage.blobs import pack_json, unpack_json
+from tidemap.storage.counters import take
+from tidemap.storage.records import ScanRecord
+from tidemap.storage.tables import scan
+
+MAX_QUARANTINE_BYTES = 64 << 20
+"""Points in quarantine of one location; what was put there first gives way."""
+QUARANTINED = "quarantined"
+_LISTED = [column for column in scan.c if column is not scan.c.payload]
+
+
+class ScanRepository:
+    """Scans in the order in which they were committed, which is that of their ids."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+
+    def by_key(self, location_id: int, keys: Sequence[str]) -> dict[str, ScanRecord]:
+        """The scans of a location that were posted under some idempotency keys."""
+        query = select(*_LISTED).where(scan.c.location_id == location_id, scan.c.idempotency_key.in_(keys))
+        rows = self._connection.execute(query).mappings() if keys else ()
+        return {row["idempotency_key"]: _record(row) for row in rows}
+
+    def append(self, records: Sequence[ScanRecord]) -> list[ScanRecord]:
+        """Store new scans; returns them with their ids. What does not fit into quarantine any more leaves it."""
+        if not records:
+            return []
+        first = take(self._connection, "scan", len(records))
+        numbered = [replace(record, id=first + i) for i, record in enumerate(records)]
+        rows = [{**asdict(record), "registration": pack_json(record.registration)} for record in numbered]
+        self._connection.execute(insert(scan), rows)
+        for location_id in sorted({record.location_id for record in records if record.payload is not None}):
+            self._make_room(location_id)
+        return numbered
+
+    def _make_room(self, location_id: int) -> None:
+        mine = (scan.c.location_id == location_id) & (scan.c.verdict == QUARANTINED)
+        held = 0
+        for row in self._connection.execute(select(scan.c.id, scan.c.n_bytes).where(mine).order_by(scan.c.id.desc())):
+            held += row.n_bytes
+            if held > MAX_QUARANTINE_BYTES:
+                self._connection.execute(delete(scan).where(mine & (scan.c.id <= row.id)))
+                return
+
+    def list(
+        self, location_id: int, verdict: str | None = None, after: int | None = None, limit: int | None = None
+    ) -> list[ScanRecord]:
+        """Newest first, without points; `after` is the last id of the page before."""
+        query = select(*_LISTED).where(scan.c.location_id == location_id).order_by(scan.c.id.desc()).limit(limit)
+        if verdict is not None:
+            query = query.where(scan.c.verdict == verdict)
+        if after is not None:
+            query = query.where(scan.c.id < after)
+        return [_record(row) for row in self._connection.execute(query).mappings()]
+
+    def find(self, location_id: int, scan_id: int) -> ScanRecord | None:
+        """A scan with its points, None where there is none."""
+        query = select(scan).where(scan.c.location_id == location_id, scan.c.id == scan_id)
+        row = self._connection.execute(query).mappings().first()
+        return None if row is None else _record(row)
+
+    def settle(self, record: ScanRecord) -> bool:
+        """Note what became of a scan in quarantine; False, and nothing changed, where it is there no more."""
+        mine = (scan.c.location_id == record.location_id) & (scan.c.id == record.id)
+        values = {
+            "observation": record.observation,
+            "verdict": record.verdict,
+            "registration": pack_json(record.registration),
+            "n_bytes": record.n_bytes,
+            "payload": record.payload,
+        }
+        query = update(scan).where(mine & (scan.c.verdict == QUARANTINED)).values(**values)
+        return self._connection.execute(query).rowcount == 1
+
+    def number(self, record: ScanRecord) -> None:
+        """Note which observation a scan became."""
+        mine = (scan.c.location_id == record.location_id) & (scan.c.id == record.id)
+        self._connection.execute(update(scan).where(mine).values(observation=record.observation))
+
+    def older(self, location_id: int, before: float, most: int) -> Sequence[int]:
+        """The earliest scans that were received before a time."""
+        old = select(scan.c.id).where(scan.c.location_id == location_id, scan.c.received_at < before)
+        return self._connection.execute(old.order_by(scan.c.id).limit(most)).scalars().all()
+
+    def delete(self, location_id: int, scan_ids: Sequence[int]) -> int:
+        """Drop some scans; how many there were."""
+        query = delete(scan).where(scan.c.location_id == location_id, scan.c.id.in_(scan_ids))
+        return self._connection.execute(query).rowcount
+
+
+def _record(row: RowMapping) -> ScanRecord:
+    values: dict[str, Any] = {"payload": None, **row}
+    registration = unpack_json(row["registration"], f"the registration of scan {row['id']}")
+    return ScanRecord(**{**values, "registration": registration})
