@@ -22,16 +22,16 @@ async def context(request: Request) -> Context:
     return ctx
 
 
-async def posted_body(request: Request, time: str | None, share: Share) -> Body:
+async def posted_body(request: Request, time: str | None, layout: str | None, share: Share) -> Body:
     """The unpacked body of a request, within the limit, with `share` grown to the memory that parsing it takes.
 
-    `time` is that of a grid. Raises InvalidInputError, and as `read_body`.
+    `time` and `layout` are those of a grid. Raises InvalidInputError, and as `read_body`.
     """
     ctx: Context = state_of(request).ctx
     seconds = query_time("time", time)
     media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     content = await read_body(request, ctx.settings.body_limit(media_type), share)
-    body = Body(content, media_type, seconds)
+    body = Body(content, media_type, seconds, layout)
     await share.grow(len(content) * (body.cost - 1))
     return body
 

@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -87,6 +88,7 @@ def _state_facts(view: StateFacts) -> dict[str, Any]:
         "order": view.order,
         "revision": view.revision,
         "shape": list(view.shape),
+        "grid": None if view.grid is None else asdict(view.grid),
         "unavailable": view.unavailable,
     }
 

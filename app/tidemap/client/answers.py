@@ -1,6 +1,7 @@
 """Answers about a map as numpy arrays."""
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
@@ -8,9 +9,11 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.client import arrow
+from tidemap.client import arrow, ros
+from tidemap.client.ros import OccupancyGrid
 from tidemap.media_types import ARROW
 from tidemap.schemas.common import parse_time
+from tidemap.schemas.locations import Grid
 
 UNKNOWN = -1
 """In integer arrays: never observed, or not observed then."""
@@ -78,6 +81,27 @@ class State:
     observed: NDArray[np.int8] | None = None
     observed_time: NDArray[np.float64] | None = None
     last_seen: NDArray[np.float64] | None = None
+    grid: Grid | None = None
+
+    def to_occupancy_grid(self, z_min: float = -math.inf, z_max: float = math.inf) -> OccupancyGrid:
+        """The map as something shaped like nav_msgs/OccupancyGrid: the probability in percent, -1 where unknown.
+
+        Of a location with layers each cell has the highest probability of those whose centres are from `z_min` to
+        `z_max` (metres). Raises ValueError for a location without a grid.
+        """
+        if self.grid is None:
+            raise ValueError("a location of kind 'state' has no grid, so there is no map of it")
+        nx, ny, nz = (*self.grid.shape, 1)[:3]
+        layers = self.dense().reshape(nx, ny, nz)
+        if nz > 1:
+            height = self.grid.origin[2] + (np.arange(nz) + 0.5) * self.grid.resolution_m
+            layers = layers[:, :, (height >= z_min) & (height <= z_max)]
+        known = ~np.isnan(layers)
+        highest = np.max(layers, axis=2, where=known, initial=0.0)
+        percent = np.where(known.any(axis=2), np.rint(100 * highest), ros.UNKNOWN).astype(np.int8)
+        stamp, origin = ros.Stamp.of(self.time), ros.PoseMessage(ros.Point(*self.grid.origin))
+        info = ros.MapMetaData(stamp, self.grid.resolution_m, nx, ny, origin)
+        return OccupancyGrid(ros.Header(stamp, self.grid.frame), info, percent.T.ravel())
 
     def dense(self, column: Column = "probability") -> NDArray[Any]:
         """A column as a grid of `shape`; NaN (integers: -1) where a cell was never observed.
@@ -147,6 +171,7 @@ def _state(said: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> Stat
         observed=_numbers(columns["observed"], np.int8) if "observed" in columns else None,
         observed_time=_numbers(columns["observed_time"], np.float64) if "observed_time" in columns else None,
         last_seen=_numbers(columns["last_seen"], np.float64) if "last_seen" in columns else None,
+        grid=Grid.model_validate(said["grid"], strict=False) if said.get("grid") is not None else None,
     )
 
 

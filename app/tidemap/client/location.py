@@ -4,23 +4,28 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tidemap.client import answers
+from tidemap.client import answers, npy
 from tidemap.client.administration import AnomalyOperations
 from tidemap.client.arrow import pa
 from tidemap.client.encoding import Numbers
-from tidemap.client.operation import operation, posting
-from tidemap.client.plans import Plan, Request, ask
-from tidemap.client.posting import Postable, observation, sighting, whole
+from tidemap.client.operation import operation, paged, posting, scanning
+from tidemap.client.plans import Listing, Plan, Request, ask
+from tidemap.client.posting import Postable, observation, occupancy, sighting, whole
 from tidemap.client.requests import name_of, path_of, post, present, send
+from tidemap.client.ros import is_occupancy_grid
+from tidemap.client.scanning import scan as scan_post
 from tidemap.client.times import TimeLike, TimesLike, unix, unix_array
 from tidemap.client.waiting import ended, until, wait_s
 from tidemap.media_types import ARROW, JSON
 from tidemap.schemas.anomalies import Events, Rule
+from tidemap.schemas.common import Page
 from tidemap.schemas.jobs import Job
 from tidemap.schemas.locations import EstimatorChoice, EstimatorName, Location, OrderChoice
 from tidemap.schemas.maps import Evaluation, Model
-from tidemap.schemas.observations import Deleted
+from tidemap.schemas.observations import Deleted, Layout
+from tidemap.schemas.scans import RegistrationMode, ScanAccepted, ScanItem, Verdict
 
 
 class LocationOperations(AnomalyOperations):
@@ -82,19 +87,81 @@ class LocationOperations(AnomalyOperations):
         occupied: Numbers = (),
         free: Numbers = (),
         grid: Any = None,
+        layout: Layout | None = None,
         source: str | None = None,
         idempotency_key: str | None = None,
     ) -> Postable:
         """Store one look at a grid: cells seen occupied and cells seen free, as indices or rows [i, j, k].
 
-        Or all of it as an array `grid` of the location's shape: 1 occupied, 0 free, -1 (or 255) not seen.
+        Or all of it as an array `grid` of the location's shape (nx, ny): 1 occupied, 0 free, -1 (or 255) not seen.
+        With `layout` "ros", or as something shaped like nav_msgs/OccupancyGrid, it is (ny, nx), rows of one y, with 65
+        to 100 occupied, 0 to 25 free, and others not seen.
         Returns and raises what `observe` does.
         """
         if grid is not None:
             if len(occupied) or len(free):
                 raise ValueError("give either `grid` or the cells occupied and free")
+            if layout == "ros" or is_occupancy_grid(grid):
+                return occupancy(self.path, time, grid, source=source, key=idempotency_key)
             return whole(self.path, time, grid, source=source, key=idempotency_key)
         return sighting(self.path, time, occupied, free, source=source, key=idempotency_key)
+
+    @scanning
+    def observe_scan(
+        self,
+        scan: Any,
+        map_from_sensor: Any,
+        time: TimeLike | None = None,
+        *,
+        covariance: Any = None,
+        max_range: float | None = None,
+        min_hits: int | None = None,
+        frame: str | None = None,
+        registration: RegistrationMode | None = None,
+        source: str | None = None,
+        idempotency_key: str | None = None,
+    ) -> Postable:
+        """Store what a scan saw: its rays become one observation, from a pose that the map has put right.
+
+        `scan`: points (n, 3), or (n, 2) of a planar sensor, in metres in the sensor's frame; or something shaped like
+        sensor_msgs/LaserScan or PointCloud2, whose stamp is the time where none is given. `map_from_sensor`: 4x4, or
+        (x, y, z, qx, qy, qz, qw), or shaped like geometry_msgs/Transform or Pose. `covariance` (6, 6) of x, y, z and
+        the rotations about them: with it the scan is registered. Beyond `max_range` (m) rays hit nothing.
+
+        Returns `ScanAccepted`; its `registration` says what became of the pose. With an outbox as `observe`.
+        """
+        said = {"max_range": max_range, "min_hits": min_hits, "frame": frame, "registration": registration}
+        return scan_post(
+            self.path,
+            scan,
+            map_from_sensor,
+            time,
+            covariance=covariance,
+            **said,
+            source=source,
+            key=idempotency_key,
+        )
+
+    @paged
+    def scans(self, registration: Verdict | None = None, limit: int | None = None) -> Listing[ScanItem]:
+        """What became of scans, newest first, over all pages of `limit`; of one verdict or of all."""
+        return Listing(Page[ScanItem], f"{self.path}/scans", present(registration=registration, limit=limit))
+
+    @operation
+    def scan_points(self, scan_id: int) -> Plan[NDArray[np.float32]]:
+        """The points (n, 3) of a scan in quarantine, in metres in the sensor's frame."""
+        response = yield Request("GET", f"{self.path}/scans/{scan_id}/points")
+        return npy.read(response.content)
+
+    @operation
+    def replay_scan(self, scan_id: int) -> Plan[ScanAccepted]:
+        """Register a scan in quarantine again, by the model of now."""
+        return ask(ScanAccepted, Request("POST", f"{self.path}/scans/{scan_id}/replay", repeatable=False))
+
+    @operation
+    def delete_scan(self, scan_id: int) -> Plan[None]:
+        """Drop a scan from the list, with its points; what it saw stays in the map."""
+        yield Request("DELETE", f"{self.path}/scans/{scan_id}", repeatable=False)
 
     @operation
     def update(

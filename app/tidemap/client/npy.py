@@ -17,6 +17,12 @@ def write_rows(columns: Mapping[str, NDArray[Any]]) -> bytes:
     return write(table)
 
 
+def read(content: bytes) -> NDArray[Any]:
+    """The array of a file."""
+    array: NDArray[Any] = np.load(io.BytesIO(content), allow_pickle=False)
+    return array
+
+
 def write(array: NDArray[Any]) -> bytes:
     """A file of an array."""
     sink = io.BytesIO()

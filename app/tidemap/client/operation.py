@@ -5,8 +5,9 @@ from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from typing import TYPE_CHECKING, Any, Concatenate, Generic, ParamSpec, Protocol, TypeAlias, TypeVar, cast, overload
 
 from tidemap.client.plans import Listing, Plan
-from tidemap.client.posting import Postable, Receipt
+from tidemap.client.posting import Postable, Queued, Receipt
 from tidemap.schemas.observations import Accepted
+from tidemap.schemas.scans import ScanAccepted
 
 if TYPE_CHECKING:
     # Python 3.13 has defaults of its own.
@@ -101,6 +102,21 @@ class PostMethod(Protocol[P]):
     def __get__(self, at: AwaitedPoster[R], owner: type) -> Callable[P, Coroutine[Any, Any, R]]: ...
 
 
+class ScanMethod(Protocol[P]):
+    """A method that posts scans as a type checker sees it: its receipt is that of the resource, for scans."""
+
+    @overload
+    def __get__(self, at: None, owner: type) -> Callable[Concatenate[Any, P], Any]: ...
+    @overload
+    def __get__(self, at: BlockingPoster[Accepted], owner: type) -> Callable[P, ScanAccepted]: ...
+    @overload
+    def __get__(self, at: BlockingPoster[Queued], owner: type) -> Callable[P, Queued]: ...
+    @overload
+    def __get__(self, at: AwaitedPoster[Accepted], owner: type) -> Callable[P, Coroutine[Any, Any, ScanAccepted]]: ...
+    @overload
+    def __get__(self, at: AwaitedPoster[Queued], owner: type) -> Callable[P, Coroutine[Any, Any, Queued]]: ...
+
+
 def operation(plan: Callable[Concatenate[Any, P], Plan[T]]) -> Method[P, T, Coroutine[Any, Any, T]]:
     """A plan as a method."""
 
@@ -119,6 +135,11 @@ def posting(describe: Callable[Concatenate[Any, P], Postable]) -> PostMethod[P]:
         return at.carrier.post(describe(at, *args, **kwargs))
 
     return cast(PostMethod[P], method)
+
+
+def scanning(describe: Callable[Concatenate[Any, P], Postable]) -> ScanMethod[P]:
+    """As `posting`, of scans."""
+    return cast(ScanMethod[P], posting(describe))
 
 
 def paged(listing: Callable[Concatenate[Any, P], Listing[T]]) -> Method[P, Iterator[T], AsyncIterator[T]]:

@@ -21,8 +21,9 @@ from tidemap.client.encoding import (
 )
 from tidemap.client.plans import Plan, Request, Scalar, ask
 from tidemap.client.requests import present
+from tidemap.client.ros import is_occupancy_grid, states_of
 from tidemap.client.times import TimeLike, TimesLike, unix
-from tidemap.media_types import JSON, NPY
+from tidemap.media_types import JSON, MULTIPART, NPY
 from tidemap.schemas.observations import Accepted
 
 
@@ -42,7 +43,10 @@ Receipt: TypeAlias = Accepted | Queued
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """Some measurements as they are sent to the location at `path`, once or often: the key makes it one."""
+    """Some measurements as they are sent to the location at `path`, once or often: the key makes it one.
+
+    A scan, and nothing else, is of several parts.
+    """
 
     path: str
     query: Mapping[str, Scalar]
@@ -54,7 +58,8 @@ class Batch:
     def request(self) -> Request:
         """The post."""
         headers = {"Content-Type": self.content_type, "Idempotency-Key": self.key}
-        return Request("POST", f"{self.path}/observations", self.query, self.content, headers)
+        kind = "scans" if self.content_type.startswith(MULTIPART) else "observations"
+        return Request("POST", f"{self.path}/{kind}", self.query, self.content, headers)
 
 
 class Postable(Protocol):
@@ -69,17 +74,21 @@ class Postable(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GridPost:
-    """The state of every cell at a time (Unix seconds) for the location at `path`: `states` of its shape, as int8."""
+    """The state of every cell at a time (Unix seconds) for the location at `path`: `states` of its shape, as int8.
+
+    In layout `ros` they are (ny, nx), in percent.
+    """
 
     path: str
     time: float
     states: NDArray[np.int8]
     source: str | None
     key: str
+    layout: str | None = None
 
     def batches(self) -> Iterator[Batch]:
         """One, for the array must be whole: the server compares its shape."""
-        query = present(source=self.source, time=self.time)
+        query = present(source=self.source, time=self.time, layout=self.layout)
         yield Batch(self.path, query, NPY, npy.write(self.states), self.key, int(np.count_nonzero(self.states >= 0)))
 
     def plan(self) -> Plan[Accepted]:
@@ -130,6 +139,14 @@ def observation(
 def whole(path: str, time: TimeLike, states: Any, *, source: str | None = None, key: str | None = None) -> GridPost:
     """The state of every cell for the location at `path`, with `key` or a new one. Raises ValueError."""
     return GridPost(path, unix(time), tristate(states), source, key or uuid.uuid4().hex)
+
+
+def occupancy(path: str, time: TimeLike, grid: Any, *, source: str | None = None, key: str | None = None) -> GridPost:
+    """A map in ROS's layout for the location at `path`: (ny, nx), 0 to 100 percent, -1 unknown. Raises ValueError."""
+    percent = np.asarray(states_of(grid) if is_occupancy_grid(grid) else grid)
+    if percent.dtype.kind not in "iu" or percent.ndim != 2 or not ((percent >= -1) & (percent <= 100)).all():
+        raise ValueError("in layout 'ros' a map is an array (ny, nx) of whole numbers, 0 to 100 percent or -1")
+    return GridPost(path, unix(time), percent.astype(np.int8), source, key or uuid.uuid4().hex, "ros")
 
 
 def sighting(

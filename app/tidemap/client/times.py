@@ -2,19 +2,32 @@
 
 from collections.abc import Sequence
 from datetime import datetime
-from typing import Any, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.schemas.common import parse_time
 
-TimeLike: TypeAlias = float | int | str | datetime | np.number[Any]
+
+class StampLike(Protocol):
+    """Shaped like builtin_interfaces/Time: seconds and nanoseconds since 1970."""
+
+    @property
+    def sec(self) -> int:
+        """Whole seconds."""
+
+    @property
+    def nanosec(self) -> int:
+        """And nanoseconds."""
+
+
+TimeLike: TypeAlias = float | int | str | datetime | np.number[Any] | StampLike
 TimesLike: TypeAlias = TimeLike | Sequence[TimeLike] | NDArray[Any]
 
 
 def unix(time: TimeLike) -> float:
-    """Unix seconds of a number, an ISO 8601 text with a zone or a datetime with a zone.
+    """Unix seconds of a number, an ISO 8601 text with a zone, a datetime with a zone, or a stamp of ROS.
 
     Raises ValueError for a time without a zone, NaN, infinity and float32, which rounds to minutes.
 
@@ -24,6 +37,8 @@ def unix(time: TimeLike) -> float:
     """
     if isinstance(time, datetime):
         return parse_time(time.isoformat())
+    if hasattr(time, "sec") and hasattr(time, "nanosec"):
+        return parse_time(time.sec + time.nanosec * 1e-9)
     if isinstance(time, np.generic):
         return unix_array(np.asarray(time)).item()
     return parse_time(time)

@@ -15,6 +15,8 @@ from tidemap.space.grid import GridGeometry
 
 UNSEEN = 255
 """In a grid: a cell that was not seen; -1 where the bytes are signed."""
+FREE_PERCENT, OCCUPIED_PERCENT, MAX_PERCENT = 25, 65, 100
+"""In layout `ros`: up to where a cell is free, from where on it is occupied, and the highest there is."""
 MAX_HEAD_BYTES = 4096
 """Bytes of the longest header that is read; that of three fields has 128."""
 HEADS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
@@ -34,7 +36,29 @@ def read_grid(content: Content, grid: GridGeometry, time: float) -> Columns:
 
     Raises UnreadableBodyError, InvalidInputError.
     """
-    states = _load_grid(content, grid)
+    return _seen(_load_grid(content, grid, grid.shape), time)
+
+
+def read_occupancy(content: Content, grid: GridGeometry, time: float) -> Columns:
+    """As `read_grid`, of a file in the layout of nav_msgs/OccupancyGrid: (ny, nx) with y upwards, in percent or -1.
+
+    65 and more is occupied, 25 and less free, as map_server has it; what is between was not seen.
+    Raises UnreadableBodyError, InvalidInputError.
+    """
+    nx, ny, nz = grid.shape3
+    if nz != 1:
+        raise InvalidInputError.at("layout", f"the location has {nz} layers, but a map in layout 'ros' has one")
+    percent = _load_grid(content, grid, (ny, nx)).reshape(ny, nx).T.reshape(-1)
+    if ((percent > MAX_PERCENT) & (percent != UNSEEN)).any():
+        raise InvalidInputError.at("body", "in layout 'ros' a cell is 0 to 100 percent, or -1 where it was not seen")
+    states = np.full(grid.n_cells, UNSEEN, np.uint8)
+    states[percent <= FREE_PERCENT] = 0
+    states[(percent >= OCCUPIED_PERCENT) & (percent != UNSEEN)] = 1
+    return _seen(states, time)
+
+
+def _seen(states: NDArray[np.uint8], time: float) -> Columns:
+    """The columns of all cells (n_cells,) at one time; what was not seen is left out."""
     cell = np.flatnonzero(states != UNSEEN).astype(np.uint32)
 
     def cell_field(row: int) -> str:
@@ -54,15 +78,15 @@ def read_array(content: Content) -> NDArray[Any]:
     return np.ndarray(head.shape, head.dtype, content, head.end, order="F" if head.fortran else "C")
 
 
-def _load_grid(content: Content, grid: GridGeometry) -> NDArray[np.uint8]:
-    """The state of each cell (n_cells,), of bytes that need not be signed alike."""
+def _load_grid(content: Content, grid: GridGeometry, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    """The bytes of each cell (n_cells,), signed or not, of an array of this shape or flat."""
     head = _head(content)
     if head.dtype.names is not None:
         raise InvalidInputError.at("time", "the rows of a structured array have times of their own; leave `time` out")
     if head.dtype.itemsize != 1 or head.dtype.kind not in "iub":
         raise InvalidInputError.at("body", f"its type is {head.dtype}; send a grid of uint8, int8 or bool")
-    if head.shape not in (grid.shape, (grid.n_cells,)):
-        raise InvalidInputError.at("body", f"its shape is {head.shape}; send {grid.shape} or {(grid.n_cells,)}")
+    if head.shape not in (shape, (grid.n_cells,)):
+        raise InvalidInputError.at("body", f"its shape is {head.shape}; send {shape} or {(grid.n_cells,)}")
     _check_length(head, content)
     array = np.ndarray(head.shape, np.uint8, content, head.end, order="F" if head.fortran else "C")
     return array.reshape(-1)

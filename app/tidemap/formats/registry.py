@@ -35,11 +35,15 @@ WRITERS: Mapping[str, Callable[[Mapping[str, Any], Mapping[str, Column]], Sequen
 
 @dataclass(frozen=True)
 class Body:
-    """The unpacked bytes of a post, their media type, and the time of all that is in them where that is sent beside."""
+    """The unpacked bytes of a post, their media type, and the time of all that is in them where that is sent beside.
+
+    layout: `ros` of a grid whose rows are along x and whose cells are in percent.
+    """
 
     content: Content
     media_type: str
     time: float | None = None
+    layout: str | None = None
 
     @cached_property
     def digest(self) -> bytes:
@@ -57,7 +61,8 @@ class Body:
 
     @property
     def _beside(self) -> str:
-        return self.media_type if self.time is None else f"{self.media_type} {self.time!r}"
+        beside = self.media_type if self.time is None else f"{self.media_type} {self.time!r}"
+        return beside if self.layout is None else f"{beside} {self.layout}"
 
 
 def read(body: Body, kind: str, grid: GridGeometry) -> Columns:
@@ -70,8 +75,11 @@ def read(body: Body, kind: str, grid: GridGeometry) -> Columns:
         raise UnsupportedMediaTypeError(
             f"Content-Type {body.media_type!r} is not read here; send one of {', '.join(READERS)}."
         )
+    if body.layout is not None and (body.time is None or body.media_type != NPY):
+        raise InvalidInputError.at("layout", f"only a grid as {NPY}, with its `time`, has a layout; leave it out")
     if body.time is None:
         return reader.read(body.content, kind, grid)
     if body.media_type != NPY:
         raise InvalidInputError.at("time", f"only a grid as {NPY} has its time here; leave it out")
-    return npy.read_grid(body.content, grid, body.time)
+    read_grid = npy.read_grid if body.layout is None else npy.read_occupancy
+    return read_grid(body.content, grid, body.time)

@@ -7,18 +7,14 @@ written.
 """
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from scipy.stats import chi2
 
+from tidemap.schemas.scans import Verdict
 from tidemap.space.alignment import Alignment, Surface
 from tidemap.space.pose import Array, Pose
 from tidemap.space.scan import Scan
-
-Verdict = Literal["accepted", "raw_pose", "quarantined"]
-RegistrationMode = Literal["auto", "always", "never"]
-"""Whether to register: where a covariance says how wrong the pose may be, in any case, or not at all."""
 
 MIN_POINTS = 50
 """Cells of the map, and points of a scan that meet one: with fewer there is nothing to hold on to."""

@@ -4,6 +4,8 @@ import math
 from typing import Annotated, Literal
 from zoneinfo import ZoneInfo
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, BeforeValidator, Field, Strict, model_validator
 from pydantic.json_schema import SkipJsonSchema
 
@@ -62,6 +64,24 @@ class Grid(Form):
     def n_cells(self) -> int:
         """How many cells the grid has."""
         return math.prod(self.shape)
+
+    def cells(self, points: ArrayLike) -> NDArray[np.int64]:
+        """The linear cells (n,) that points (n, 2 or 3), in metres in `frame`, are in; -1 outside of the grid.
+
+        A grid of one layer leaves z out.
+
+        >>> Grid(resolution_m=0.5, shape=[4, 3]).cells([[0.7, 0.1], [1.9, 1.4], [-0.1, 0.0]]).tolist()
+        [3, 11, -1]
+        """
+        array = np.asarray(points, np.float64)
+        used = 2 if len(self.shape) == 2 or self.shape[2] == 1 else 3
+        if array.ndim != 2 or not used <= array.shape[1] <= 3:
+            raise ValueError(f"points are an array (n, {used}); this has the shape {array.shape}")
+        index = np.floor((array[:, :used] - np.array(self.origin[:used])) / self.resolution_m)
+        inside = ((index >= 0) & (index < self.shape[:used])).all(axis=1)
+        found = np.full(len(array), -1, np.int64)
+        found[inside] = np.ravel_multi_index(tuple(index[inside].astype(np.int64).T), tuple(self.shape[:used]))
+        return found
 
 
 class LocationForm(Form):

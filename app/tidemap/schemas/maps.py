@@ -5,7 +5,7 @@ from typing import Literal
 from pydantic import Field
 
 from tidemap.schemas.common import Answer, Form, Many, TimeIn, TimeOut, shown
-from tidemap.schemas.locations import Confidence, EstimatorName
+from tidemap.schemas.locations import Confidence, EstimatorName, Grid
 
 Given = Literal["observations", "model"]
 Verdict = Literal["occupied", "free", "uncertain"]
@@ -26,6 +26,7 @@ class StateAnswer(Answer):
     order: int
     revision: int
     shape: list[int]
+    grid: Grid | None = Field(None, description="Where the cells are; null of kind `state`.")
     cell: list[int]
     probability: list[float]
     state: list[int]

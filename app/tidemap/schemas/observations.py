@@ -7,6 +7,7 @@ from pydantic import Field
 from tidemap.schemas.anomalies import Event
 from tidemap.schemas.common import Answer, Form, TimeIn, TimeOut
 
+Layout = Literal["ros"]
 Cell = Annotated[int, Field(ge=0)]
 Cells = list[Cell | Annotated[list[Cell], Field(min_length=2, max_length=3)]]
 

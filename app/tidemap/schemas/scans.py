@@ -8,6 +8,7 @@ from tidemap.schemas.common import Answer, Form, Many, Text, TimeIn, TimeOut, sh
 from tidemap.schemas.observations import Accepted
 
 Verdict = Literal["accepted", "raw_pose", "quarantined"]
+RegistrationMode = Literal["auto", "always", "never"]
 Number = Annotated[float, Field(ge=-1e9, le=1e9)]
 MAX_RAYS = 100_000
 """Rays of a scan that is sent as ranges; planar lasers have some 1,000."""
@@ -40,7 +41,7 @@ class ScanHeader(Form):
         None, gt=0, le=1e6, description="Points further than this (m) clear the cells up to there and hit none."
     )
     min_hits: int = Field(1, ge=1, le=100, description="Hits from which on a cell is occupied.")
-    registration: Literal["auto", "always", "never"] = Field(
+    registration: RegistrationMode = Field(
         "auto", description="Align the scan to the map: where there is a covariance, in any case, or not at all."
     )
     angle_min: Number | None = Field(None, description="Angle of the first ray, rad; for `ranges`.")

@@ -15,6 +15,7 @@ from tidemap.services.keys import Claim
 from tidemap.services.readings import last_seen
 from tidemap.services.spectra import Fitted, fitted
 from tidemap.services.state_buffer import StateBuffer
+from tidemap.space.grid import GridGeometry
 from tidemap.spectral.prediction import known, predict, state, verdict
 from tidemap.storage.records import LocationRecord
 
@@ -53,6 +54,7 @@ class StateFacts:
     order: int
     revision: int
     shape: tuple[int, ...]
+    grid: GridGeometry | None
     unavailable: list[tuple[int, int]]
 
     @property
@@ -116,6 +118,7 @@ class Asked:
             order=revision.order,
             revision=revision.revision,
             shape=location.cells.shape,
+            grid=location.grid,
             unavailable=self.model.unavailable,
         )
 

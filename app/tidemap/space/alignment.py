@@ -21,7 +21,7 @@ NEIGHBOURS = 20
 """Cells that the normal of a surface is estimated from."""
 MAX_SOURCE_POINTS = 12_000
 """Points of a scan that take part; more are thinned evenly."""
-AXES, FLAT_AXES = [0, 1, 2, 3, 4, 5], [2, 3, 4]
+AXES, FLAT_AXES, FIRST_SHIFT = [0, 1, 2, 3, 4, 5], [2, 3, 4], 3
 """Of small_gicp's six unknowns (rotation, then translation) those that are free, in space and in the plane."""
 
 
@@ -134,12 +134,8 @@ def _in_plane(turn: Array) -> Array:
 def _weakest(hessian: Array, inliers: int, flat: bool) -> float:
     """`Alignment.weakest` of the normal equations (6, 6)."""
     free = FLAT_AXES if flat else AXES
-    n_rotations = len(free) - (2 if flat else 3)
+    first = free.index(FIRST_SHIFT)
     known = np.asarray(hessian)[np.ix_(free, free)]
-    rotations, both, shifts = (
-        known[:n_rotations, :n_rotations],
-        known[:n_rotations, n_rotations:],
-        known[n_rotations:, n_rotations:],
-    )
+    rotations, both, shifts = known[:first, :first], known[:first, first:], known[first:, first:]
     left = shifts - both.T @ np.linalg.pinv(rotations, hermitian=True) @ both
     return max(0.0, float(np.linalg.eigvalsh(left)[0])) / max(1, inliers)

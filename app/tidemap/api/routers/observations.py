@@ -13,7 +13,7 @@ from tidemap.api.state import state_of
 from tidemap.api.views.observations import accepted_view
 from tidemap.media_types import ARROW, JSON, NPY
 from tidemap.schemas.common import Text
-from tidemap.schemas.observations import Accepted, Deleted, GridObservations, StateObservations
+from tidemap.schemas.observations import Accepted, Deleted, GridObservations, Layout, StateObservations
 from tidemap.services.deletion import Deletion, delete_observations
 from tidemap.services.keys import Principal
 from tidemap.services.observe import submit
@@ -82,6 +82,13 @@ async def post(
     time: Annotated[
         str | None, Query(description="When a grid (npy) was seen; required for it, and for it alone.")
     ] = None,
+    layout: Annotated[
+        Layout | None,
+        Query(
+            description="Of a grid (npy): `ros` for that of nav_msgs/OccupancyGrid, (ny, nx) rows along x from the "
+            "lower left on, 65 to 100 occupied, 0 to 25 free, others and -1 not seen."
+        ),
+    ] = None,
     idempotency_key: IdempotencyKey = None,
 ) -> Response:
     """Post measurements; answered after their durable commit.
@@ -89,7 +96,7 @@ async def post(
     The same Idempotency-Key with the same body again is answered 200 with `duplicate` true; nothing is stored twice.
     """
     with state_of(request).budget.share() as share:
-        body = await posted_body(request, time, share)
+        body = await posted_body(request, time, layout, share)
         sent = Post(body, source or name_of(robot.principal), idempotency_key, robot.claim)
         result = await confirming(request, robot, submit(state_of(request).ctx, name, sent))
     return Response(accepted_view(result).model_dump_json(), 200 if result.duplicate else 201, media_type=JSON)
