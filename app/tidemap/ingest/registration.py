@@ -12,14 +12,14 @@ import numpy as np
 from scipy.stats import chi2
 
 from tidemap.schemas.scans import Verdict
-from tidemap.space.alignment import Alignment, Surface
+from tidemap.space.alignment import MAX_POINTS, MAX_ROUGH_POINTS, Alignment, Surface
 from tidemap.space.pose import Array, Pose
 from tidemap.space.scan import Scan
 
 MIN_POINTS = 50
 """Cells of the map, and points of a scan that meet one: with fewer there is nothing to hold on to."""
-MIN_WEAKEST = 0.02
-"""The least `Alignment.weakest` that holds a scan."""
+MIN_WEAKEST, MIN_WEAKEST_FLAT = 0.02, 0.05
+"""The least `Alignment.weakest` that holds a scan, in space and in the plane, where fewer directions share it."""
 MAX_SIGMAS = 3.0
 """How unlikely a correction may be, as so many standard deviations of one number."""
 MAX_DISAGREEMENT_CELLS, MAX_DISAGREEMENT_RAD = 0.5, np.radians(0.5)
@@ -28,8 +28,8 @@ ASSUMED_SIGMA_M, ASSUMED_SIGMA_RAD = 0.1, np.radians(3.0)
 """What is assumed of a pose that comes without a covariance and is to be registered all the same."""
 OWN_SIGMA_RAD = np.radians(0.5)
 """What cells leave open of a rotation; of a translation it is half a cell."""
-STARTS = np.stack([np.zeros(6), np.ones(6), -np.ones(6)])
-"""From where to align: the stated pose, and one standard deviation to either side in all directions."""
+STARTS = np.stack([np.ones(6), -np.ones(6)])
+"""From where to align again: one standard deviation to either side of the stated pose, in all directions."""
 PLANE = [0, 1, 5]
 """Of x, y, z and the rotations about them those of the plane."""
 
@@ -38,8 +38,8 @@ PLANE = [0, 1, 5]
 class Features:
     """What a verdict rests on.
 
-    weakest, inliers: as of `Alignment`, the least of all starts. sigmas: how unlikely the correction is, as so many
-    standard deviations of one number. disagreement_m, disagreement_rad: how far from the first the other starts ended.
+    weakest, inliers: as of `Alignment`; weakest is the least of all starts. sigmas: how unlikely the correction is, as
+    so many standard deviations of one number. disagreement_m, disagreement_rad: how far from the first others ended.
     """
 
     converged: bool
@@ -75,12 +75,12 @@ def register(scan: Scan, surface: Surface) -> RegistrationOutcome:
     if len(points) < MIN_POINTS:
         return _fallback(scan, surface, "the scan has too few points")
     covariance = _covariance(scan)
-    source = surface.source(points, scan.map_from_sensor)
+    source, rough = (surface.source(points, scan.map_from_sensor, most) for most in (MAX_POINTS, MAX_ROUGH_POINTS))
     reach = np.sqrt(np.diag(covariance)) * (_plane_mask() if surface.flat else 1.0)
-    found = [surface.align(source, start * reach) for start in STARTS]
+    found = [surface.align(source, np.zeros(6)), *(surface.align(rough, start * reach) for start in STARTS)]
     correction = _correction(scan.map_from_sensor, found[0].map_from_sensor)
     features = _features(found, _sigmas(correction, covariance, surface))
-    reason = _objection(features, surface.spacing_m)
+    reason = _objection(features, surface)
     if reason is not None:
         return _fallback(scan, surface, reason, correction, features)
     return RegistrationOutcome("accepted", "it fits the map", found[0].map_from_sensor, correction, features)
@@ -120,24 +120,27 @@ def _features(found: list[Alignment], sigmas: float) -> Features:
     return Features(
         converged=all(each.converged for each in found),
         weakest=min(each.weakest for each in found),
-        inliers=min(each.inliers for each in found),
+        inliers=found[0].inliers,
         sigmas=sigmas,
         disagreement_m=max(float(np.linalg.norm(each[:3])) for each in apart),
         disagreement_rad=max(float(np.linalg.norm(each[3:])) for each in apart),
     )
 
 
-def _objection(features: Features, spacing_m: float) -> str | None:
+def _objection(features: Features, surface: Surface) -> str | None:
     """Why an alignment is not to be believed."""
     if not features.converged:
         return "the alignment did not come to rest"
     if features.inliers < MIN_POINTS:
         return "too few points of the scan meet the map"
-    if features.weakest < MIN_WEAKEST:
+    if features.weakest < (MIN_WEAKEST_FLAT if surface.flat else MIN_WEAKEST):
         return "the scan can slide along the map, as in a bare corridor"
     if features.sigmas > MAX_SIGMAS:
         return "the correction is larger than the covariance allows"
-    if features.disagreement_m > MAX_DISAGREEMENT_CELLS * spacing_m or features.disagreement_rad > MAX_DISAGREEMENT_RAD:
+    if (
+        features.disagreement_m > MAX_DISAGREEMENT_CELLS * surface.spacing_m
+        or features.disagreement_rad > MAX_DISAGREEMENT_RAD
+    ):
         return "other starts end elsewhere"
     return None
 

@@ -12,7 +12,14 @@ import numpy as np
 
 from tidemap.errors import CorruptChunkError
 from tidemap.history.segment import SEGMENT_SAMPLES, Segment
-from tidemap.storage.blobs import unpack_cells, unpack_json, unpack_measurements, unpack_segment, unpack_spectrum
+from tidemap.storage.blobs import (
+    unpack_cells,
+    unpack_json,
+    unpack_measurements,
+    unpack_scan,
+    unpack_segment,
+    unpack_spectrum,
+)
 from tidemap.storage.inspection import Row, Snapshot
 from tidemap.storage.records import LocationRecord, RevisionRecord
 
@@ -58,7 +65,7 @@ def check_location(snapshot: Snapshot, location: LocationRecord, tally: LogTotal
     """Everything that belongs to a location."""
     if not 0 <= location.compacted_seq <= location.observation_seq:
         yield "counters", f"{location.compacted_seq} of {location.observation_seq} observations are compacted"
-    for check in (_log, _idempotency, _history, _revisions, _spectra, _anomalies):
+    for check in (_log, _idempotency, _scans, _history, _revisions, _spectra, _anomalies):
         yield from check(snapshot, location, tally)
     yield from _jobs(snapshot, location)
 
@@ -220,6 +227,16 @@ def _match_anomaly(location: LocationRecord, row: Row) -> None:
         raise ValueError(f"its cells are not among the location's {location.n_cells}")
     if row.stop < row.start or row.observed not in (0, 1):
         raise ValueError("its start and stop, or what was observed, cannot be")
+
+
+def _scans(snapshot: Snapshot, location: LocationRecord, tally: LogTotals) -> Iterator[Wrong]:
+    for row in snapshot.scans(location.id):
+        where = f"scan {row.id}"
+        tally.blobs += 1
+        yield from _unreadable(where, partial(unpack_json, row.registration, where))
+        if row.payload is not None:
+            tally.blobs += 1
+            yield from _unreadable(where, partial(unpack_scan, row.payload, where))
 
 
 def _jobs(snapshot: Snapshot, location: LocationRecord) -> Iterator[Wrong]:

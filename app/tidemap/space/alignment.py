@@ -19,8 +19,8 @@ MAX_ITERATIONS = 20
 """Of each of both: what has not converged by then is lost."""
 NEIGHBOURS = 20
 """Cells that the normal of a surface is estimated from."""
-MAX_SOURCE_POINTS = 12_000
-"""Points of a scan that take part; more are thinned evenly."""
+MAX_POINTS, MAX_ROUGH_POINTS = 12_000, 3_000
+"""Points of a scan that take part, for the answer and where a rough one will do; more are thinned evenly."""
 AXES, FLAT_AXES, FIRST_SHIFT = [0, 1, 2, 3, 4, 5], [2, 3, 4], 3
 """Of small_gicp's six unknowns (rotation, then translation) those that are free, in space and in the plane."""
 
@@ -72,10 +72,11 @@ class Surface:
         """Memory that it takes, in bytes: centres, points, normals and the tree."""
         return self.n_points * (3 if self.flat else 1) * 160
 
-    def source(self, points: NDArray[np.floating], stated: Pose) -> SourceCloud:
-        """A scan's points (n, 3) in the sensor's frame, ready to be aligned from a pose near the stated one."""
+    def source(self, points: NDArray[np.floating], stated: Pose, most: int = MAX_POINTS) -> SourceCloud:
+        """A scan's points (n, 3) in the sensor's frame, at most so many of them, ready to be aligned from a pose near
+        the stated one."""
         rotated = Pose(stated.rotation, np.zeros(3)).apply(points) * _used(self.flat)
-        return SourceCloud(_cloud(_thinned(rotated, self.spacing_m), self.spacing_m, self.flat), stated)
+        return SourceCloud(_cloud(_thinned(rotated, self.spacing_m / 2, most), self.spacing_m, self.flat), stated)
 
     def align(self, source: SourceCloud, shift: Array) -> Alignment:
         """Align from the stated pose, shifted (6,) by x, y, z in metres and a rotation vector in radians."""
@@ -114,12 +115,11 @@ def _cloud(points: Array, spacing_m: float, flat: bool) -> small_gicp.PointCloud
     return small_gicp.PointCloud(np.ascontiguousarray(points, np.float64))
 
 
-def _thinned(points: Array, spacing_m: float) -> Array:
-    """The means of points (n, 3) in boxes of a cell's length, or of the smallest larger ones that are few enough."""
-    size = spacing_m
+def _thinned(points: Array, size: float, most: int) -> Array:
+    """The means of points (n, 3) in boxes of a size, or in the first larger ones that are few enough."""
     while True:
         found = np.asarray(small_gicp.voxelgrid_sampling(points, size).points())[:, :3]
-        if len(found) <= MAX_SOURCE_POINTS:
+        if len(found) <= most:
             return found
         size *= 1.25
 

@@ -19,6 +19,7 @@ from tidemap.storage.tables import (
     metadata,
     observation,
     revision,
+    scan,
     spectrum,
 )
 
@@ -93,6 +94,10 @@ class Snapshot:
         """Its events."""
         return self._rows(select(anomaly).where(anomaly.c.location_id == location_id).order_by("id"))
 
+    def scans(self, location_id: int) -> Iterator[Row]:
+        """What became of its scans."""
+        return self._rows(select(scan).where(scan.c.location_id == location_id).order_by("id"))
+
     def jobs(self, location_id: int) -> Iterator[Row]:
         """Its jobs."""
         return self._rows(select(job).where(job.c.location_id == location_id).order_by("id"))
@@ -118,7 +123,7 @@ class Snapshot:
 
     def counters(self) -> Iterator[tuple[str, int, int]]:
         """Name, value and the greatest number in use, of what is numbered across locations."""
-        tables: dict[str, Table] = {"anomaly": anomaly, "job": job}
+        tables: dict[str, Table] = {"anomaly": anomaly, "job": job, "scan": scan}
         for name, table in tables.items():
             value = self._connection.execute(select(counter.c.value).where(counter.c.name == name)).scalar() or 0
             yield name, value, self._connection.execute(select(func.max(table.c.id))).scalar() or 0

@@ -1,0 +1,125 @@
+"""Registration: scans with wrong poses are put right, and those that nothing holds are not believed."""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.support.paths import ROOT
+from tests.support.rooms import CORRIDOR, LAB, VIEWS, Room, around, in_plane, level, off_by, sweep
+from tests.support.scans import covariance
+from tidemap.formats import ply
+from tidemap.ingest.registration import RegistrationOutcome, register
+from tidemap.space.alignment import Surface
+from tidemap.space.pose import Pose
+from tidemap.space.scan import Scan
+
+RESOLUTION_M = 0.1
+STATED = covariance(0.04, 2.0)
+PAIR = ROOT.parent / "shared" / "data" / "lidar_pair"
+
+
+@cache
+def known(room: Room, flat: bool, first: float = 0.0) -> Surface:
+    """The cells of a room that exact scans hit, as a surface."""
+    chance, points = np.random.default_rng(1), []
+    for x, y in VIEWS if first == 0 else [(first + step, 1.1) for step in range(6)]:
+        pose = level(x, y, 1.1, 0.0)
+        directions = in_plane(4000) if flat else around(30_000, chance)
+        points.append(pose.apply(sweep(room, pose, directions, chance, noise_m=0)))
+    cells = np.unique(np.floor(np.concatenate(points) / RESOLUTION_M), axis=0)
+    return Surface((cells + 0.5) * RESOLUTION_M, np.zeros(3), RESOLUTION_M, flat)
+
+
+def error(found: Pose, true: Pose) -> tuple[float, float]:
+    """How far a pose is from the true one: metres and degrees."""
+    rotation = Pose(found.rotation @ true.rotation.T, np.zeros(3)).rotation_vector
+    return float(np.linalg.norm(found.translation - true.translation)), float(np.degrees(np.linalg.norm(rotation)))
+
+
+def scans(number: int, flat: bool, seed: int) -> Any:
+    """Scans of the lab with errors as stated, and the true pose of each."""
+    chance = np.random.default_rng(seed)
+    for i in range(number):
+        true = level(*VIEWS[i % len(VIEWS)], 1.1, chance.uniform(-3, 3))
+        points = sweep(LAB, true, in_plane(720) if flat else around(15_000, chance), chance)
+        wrong = chance.normal(size=6) * np.sqrt(np.diag(STATED))
+        if flat:
+            wrong[2:5] = 0
+        yield true, Scan(points, off_by(true, wrong), STATED, flat=flat)
+
+
+@pytest.mark.parametrize("flat", [False, True], ids=["in space", "in the plane"])
+def test_poses_are_put_right(flat: bool) -> None:
+    surface = known(LAB, flat)
+    for true, scan in scans(12, flat, seed=5):
+        found = register(scan, surface)
+        assert found.verdict == "accepted", found
+        shift, rotation = error(found.map_from_sensor, true)
+        assert shift < RESOLUTION_M * 0.7, "cells leave half of one open in each direction"
+        assert rotation < 0.4
+        if flat:
+            assert found.map_from_sensor.translation[2] == scan.map_from_sensor.translation[2]
+
+
+def test_the_correction_leads_from_the_stated_pose_to_the_one_that_stands() -> None:
+    (_, scan), *_ = scans(1, False, seed=6)
+    found = register(scan, known(LAB, False))
+    assert found.correction is not None
+    again = off_by(scan.map_from_sensor, found.correction)
+    np.testing.assert_allclose(again.matrix, found.map_from_sensor.matrix, atol=1e-9)
+
+
+def along_a_corridor(flat: bool, stated: Any) -> RegistrationOutcome:
+    chance = np.random.default_rng(3)
+    pose = level(0.0, 1.1, 1.1, 0.0)
+    points = sweep(CORRIDOR, pose, in_plane(720) if flat else around(15_000, chance), chance)
+    points = points[np.linalg.norm(points, axis=1) < 8]
+    return register(Scan(points, pose, stated, max_range_m=8.0, flat=flat), known(CORRIDOR, flat, -3.0))
+
+
+@pytest.mark.parametrize("flat", [False, True], ids=["in space", "in the plane"])
+def test_nothing_holds_a_scan_along_a_bare_corridor(flat: bool) -> None:
+    found = along_a_corridor(flat, covariance(0.2, 2.0))
+    assert (found.verdict, found.correction is None) == ("quarantined", False)
+    assert "slide" in found.reason
+    assert along_a_corridor(flat, covariance(0.005, 0.05)).verdict == "raw_pose", "good to half a cell by itself"
+
+
+def test_a_correction_that_the_covariance_does_not_allow_is_not_believed() -> None:
+    surface = known(LAB, False)
+    (true, scan), *_ = scans(1, False, seed=8)
+    wrong = off_by(true, np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    found = register(Scan(scan.points, wrong, covariance(0.02, 0.5)), surface)
+    assert found.verdict != "accepted"
+    assert "covariance" in found.reason
+    assert register(Scan(scan.points, wrong, covariance(0.2, 2.0)), surface).verdict == "accepted"
+
+
+def test_with_nothing_to_hold_on_to_there_is_no_alignment() -> None:
+    (_, scan), *_ = scans(1, False, seed=9)
+    empty = Surface(np.zeros((3, 3)), np.zeros(3), RESOLUTION_M, False)
+    assert register(scan, empty).features is None
+    few = Scan(scan.points[:20], scan.map_from_sensor, STATED)
+    assert "too few points" in register(few, known(LAB, False)).reason
+    elsewhere = Scan(scan.points, level(300.0, 0.0, 1.0, 0.0), STATED)
+    assert register(elsewhere, known(LAB, False)).verdict == "quarantined"
+
+
+@pytest.mark.parametrize("resolution_m", [0.1, 0.2])
+def test_real_sweeps_come_to_where_they_belong(resolution_m: float) -> None:
+    if not PAIR.exists():
+        pytest.skip("needs the real lidar pair in ../shared/data/lidar_pair")
+    source, target = (ply.read((PAIR / f"{name}.ply").read_bytes()) for name in ("source", "target"))
+    true = Pose.of_matrix(np.loadtxt(PAIR / "T_target_source.txt"))
+    cells = np.unique(np.floor(target.astype(np.float64) / resolution_m), axis=0)
+    surface = Surface((cells + 0.5) * resolution_m, np.zeros(3), resolution_m, False)
+    chance, good = np.random.default_rng(20), 0
+    for _ in range(20):
+        ways = chance.normal(size=(2, 3))
+        ways *= (chance.uniform(0, [0.3, np.radians(5)]) / np.linalg.norm(ways, axis=1))[:, np.newaxis]
+        found = register(Scan(source, off_by(true, ways.ravel()), covariance(0.2, 3.0)), surface)
+        shift, rotation = error(found.map_from_sensor, true)
+        good += found.verdict == "accepted" and shift < 0.02 and rotation < 0.2
+    assert good >= 19
