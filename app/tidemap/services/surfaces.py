@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from tidemap.services.context import Context
 from tidemap.services.spectra import Fitted
 from tidemap.space.alignment import Surface
+from tidemap.space.centroids import surface_centroids
 from tidemap.space.grid import GridGeometry
 from tidemap.space.scan import Scan
 from tidemap.spectral.prediction import predict
@@ -78,6 +79,7 @@ def surface_at(ctx: Context, model: Fitted, scan: Scan, time: float) -> Surface:
 
 
 def _expected(ctx: Context, location: LocationRecord, model: Fitted, time: float) -> NDArray[np.float64]:
-    """The centres (n, 3) of the cells that are expected to be occupied."""
+    """Where (n, 3) the cells that are expected to be occupied have their surfaces."""
     probability = predict(model.spectrum, time, threads=ctx.settings.update_threads)
-    return location.cells.centre(np.flatnonzero(probability > OCCUPIED))
+    cell = np.flatnonzero(probability > OCCUPIED)
+    return surface_centroids(location.cells, cell, probability[cell])

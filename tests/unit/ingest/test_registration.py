@@ -12,6 +12,8 @@ from tests.support.scans import covariance
 from tidemap.formats import ply
 from tidemap.ingest.registration import RegistrationOutcome, register
 from tidemap.space.alignment import Surface
+from tidemap.space.centroids import surface_centroids
+from tidemap.space.grid import GridGeometry
 from tidemap.space.pose import Pose
 from tidemap.space.scan import Scan
 
@@ -28,8 +30,16 @@ def known(room: Room, flat: bool, first: float = 0.0) -> Surface:
         pose = level(x, y, 1.1, 0.0)
         directions = in_plane(4000) if flat else around(30_000, chance)
         points.append(pose.apply(sweep(room, pose, directions, chance, noise_m=0)))
-    cells = np.unique(np.floor(np.concatenate(points) / RESOLUTION_M), axis=0)
-    return Surface((cells + 0.5) * RESOLUTION_M, np.zeros(3), RESOLUTION_M, flat)
+    return surface(np.concatenate(points) * (1, 1, 0) if flat else np.concatenate(points), RESOLUTION_M, flat)
+
+
+def surface(points: Any, resolution_m: float, flat: bool = False) -> Surface:
+    """The surfaces of the cells that points (n, 3) are in."""
+    low = np.floor(points.min(axis=0) / resolution_m).astype(int)
+    index = np.unique(np.floor(points / resolution_m).astype(int) - low, axis=0)
+    x, y, z = (low * resolution_m).tolist()
+    grid = GridGeometry("map", (x, y, z), resolution_m, tuple((index.max(axis=0) + 1).tolist()))
+    return Surface(surface_centroids(grid, grid.cell(index), np.ones(len(index))), np.zeros(3), resolution_m, flat)
 
 
 def error(found: Pose, true: Pose) -> tuple[float, float]:
@@ -52,9 +62,8 @@ def scans(number: int, flat: bool, seed: int) -> Any:
 
 @pytest.mark.parametrize("flat", [False, True], ids=["in space", "in the plane"])
 def test_poses_are_put_right(flat: bool) -> None:
-    surface = known(LAB, flat)
     for true, scan in scans(12, flat, seed=5):
-        found = register(scan, surface)
+        found = register(scan, known(LAB, flat))
         assert found.verdict == "accepted", found
         shift, rotation = error(found.map_from_sensor, true)
         assert shift < RESOLUTION_M * 0.7, "cells leave half of one open in each direction"
@@ -88,13 +97,13 @@ def test_nothing_holds_a_scan_along_a_bare_corridor(flat: bool) -> None:
 
 
 def test_a_correction_that_the_covariance_does_not_allow_is_not_believed() -> None:
-    surface = known(LAB, False)
+    lab = known(LAB, False)
     (true, scan), *_ = scans(1, False, seed=8)
     wrong = off_by(true, np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0]))
-    found = register(Scan(scan.points, wrong, covariance(0.02, 0.5)), surface)
+    found = register(Scan(scan.points, wrong, covariance(0.02, 0.5)), lab)
     assert found.verdict != "accepted"
     assert "covariance" in found.reason
-    assert register(Scan(scan.points, wrong, covariance(0.2, 2.0)), surface).verdict == "accepted"
+    assert register(Scan(scan.points, wrong, covariance(0.2, 2.0)), lab).verdict == "accepted"
 
 
 def test_with_nothing_to_hold_on_to_there_is_no_alignment() -> None:
@@ -113,13 +122,12 @@ def test_real_sweeps_come_to_where_they_belong(resolution_m: float) -> None:
         pytest.skip("needs the real lidar pair in ../shared/data/lidar_pair")
     source, target = (ply.read((PAIR / f"{name}.ply").read_bytes()) for name in ("source", "target"))
     true = Pose.of_matrix(np.loadtxt(PAIR / "T_target_source.txt"))
-    cells = np.unique(np.floor(target.astype(np.float64) / resolution_m), axis=0)
-    surface = Surface((cells + 0.5) * resolution_m, np.zeros(3), resolution_m, False)
+    seen = surface(target.astype(np.float64), resolution_m)
     chance, good = np.random.default_rng(20), 0
     for _ in range(20):
         ways = chance.normal(size=(2, 3))
         ways *= (chance.uniform(0, [0.3, np.radians(5)]) / np.linalg.norm(ways, axis=1))[:, np.newaxis]
-        found = register(Scan(source, off_by(true, ways.ravel()), covariance(0.2, 3.0)), surface)
+        found = register(Scan(source, off_by(true, ways.ravel()), covariance(0.2, 3.0)), seen)
         shift, rotation = error(found.map_from_sensor, true)
         good += found.verdict == "accepted" and shift < 0.02 and rotation < 0.2
     assert good >= 19
