@@ -21,6 +21,8 @@ NEIGHBOURS = 20
 """Cells that the normal of a surface is estimated from."""
 MAX_POINTS, MAX_ROUGH_POINTS = 12_000, 3_000
 """Points of a scan that take part, for the answer and where a rough one will do; more are thinned evenly."""
+MAX_THINNED_POINTS = 200_000
+"""Points that are looked at for that; of more every second, third and so on."""
 AXES, FLAT_AXES, FIRST_SHIFT = [0, 1, 2, 3, 4, 5], [2, 3, 4], 3
 """Of small_gicp's six unknowns (rotation, then translation) those that are free, in space and in the plane."""
 
@@ -75,6 +77,7 @@ class Surface:
     def source(self, points: NDArray[np.floating], stated: Pose, most: int = MAX_POINTS) -> SourceCloud:
         """A scan's points (n, 3) in the sensor's frame, at most so many of them, ready to be aligned from a pose near
         the stated one."""
+        points = points[:: -(-len(points) // MAX_THINNED_POINTS)]
         rotated = Pose(stated.rotation, np.zeros(3)).apply(points) * _used(self.flat)
         return SourceCloud(_cloud(_thinned(rotated, self.spacing_m / 2, most), self.spacing_m, self.flat), stated)
 
@@ -116,12 +119,14 @@ def _cloud(points: Array, spacing_m: float, flat: bool) -> small_gicp.PointCloud
 
 
 def _thinned(points: Array, size: float, most: int) -> Array:
-    """The means of points (n, 3) in boxes of a size, or in the first larger ones that are few enough."""
+    """The means of points (n, 3) in boxes of a size, or of larger ones so that they are few enough."""
+    found = points
     while True:
-        found = np.asarray(small_gicp.voxelgrid_sampling(points, size).points())[:, :3]
+        found = np.asarray(small_gicp.voxelgrid_sampling(found, size).points())[:, :3]
         if len(found) <= most:
             return found
-        size *= 1.25
+        # On surfaces their number falls with the square of the size.
+        size *= max(1.2, np.sqrt(len(found) / most))
 
 
 def _in_plane(turn: Array) -> Array:

@@ -9,7 +9,7 @@ from tidemap.space.grid import GridGeometry
 
 
 def surface_centroids(grid: GridGeometry, cell: NDArray[np.int64], weight: NDArray[np.floating]) -> NDArray[np.float64]:
-    """For each of some cells (n,), ascending, the mean (n, 3) in metres of it and those of them that touch it, weighted.
+    """For each of some cells (n,), ascending, the weighted mean (n, 3) of it and those that touch it, in metres.
 
     A surface between two layers of cells is seen in both: taken for two surfaces, scans would fit either. O(n log n).
 

@@ -61,8 +61,8 @@ def hall() -> Iterator[Context]:
         prepare_database(settings.url)
         with open_context(settings) as ctx:
             grid = Grid(origin=sweep.GRID.origin, resolution_m=0.1, shape=list(sweep.GRID.shape))
-            form = {"interval_s": INTERVAL_S, "estimator": "static", "min_cells": 8}
-            create_location(ctx, LocationForm(name=NAME, kind="grid3d", grid=grid, **form))
+            form = LocationForm(name=NAME, kind="grid3d", grid=grid, interval_s=INTERVAL_S, estimator="static")
+            create_location(ctx, form)
             for ago in range(1, 13):
                 post(ctx, body(ctx.clock() - INTERVAL_S * ago, np.zeros(3)))
             run_update(ctx, find_location(ctx, NAME).id, UpdateRequest(), LocalExecutor(ctx, 1), lambda _: None)
