@@ -188,7 +188,7 @@ def _fit_all(
 
 
 def _given(location: LocationRecord, query: EvaluateQuery) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
-    if location.kind != "state":
+    if location.grid is not None:
         raise InvalidInputError.at(
             "time", "measurements can be given for kind 'state' only; post them and use start, stop"
         )
