@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -127,6 +127,11 @@ def grid_of(text: str | None) -> GridGeometry | None:
         return None
     value = json.loads(text)
     return GridGeometry(value["frame"], tuple(value["origin"]), value["resolution_m"], tuple(value["shape"]))
+
+
+def grid_text(grid: GridGeometry) -> str:
+    """A grid as the JSON that is stored of it."""
+    return json.dumps(asdict(grid), separators=(",", ":"), ensure_ascii=False)
 
 
 @dataclass(frozen=True)
