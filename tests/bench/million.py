@@ -10,6 +10,7 @@ import numpy as np
 from tidemap.client import arrow
 from tidemap.client.encoding import look
 from tidemap.formats.registry import Body
+from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.history import History
 from tidemap.history.segment import SEGMENT_SAMPLES, Segment
 from tidemap.media_types import ARROW
@@ -19,7 +20,7 @@ from tidemap.services.observe import observe
 from tidemap.services.posts import Post
 from tidemap.space.grid import GridGeometry
 from tidemap.storage.blobs import pack_segment
-from tidemap.storage.records import CHUNK_CELLS, LocationRecord
+from tidemap.storage.records import LocationRecord
 from tidemap.storage.repositories.segments import SegmentKey
 from tidemap.storage.work import Work
 

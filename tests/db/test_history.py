@@ -23,6 +23,7 @@ from tests.support.contexts import Clock, compact_now, history_of, make_location
 from tests.support.databases import Databases
 from tests.support.truth import Row, Truth, put, states_of
 from tidemap.errors import InvalidInputError
+from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.combining import ANY, LATEST
 from tidemap.history.history import NEVER, UNOBSERVED
 from tidemap.history.timebase import TimeBase
@@ -32,7 +33,6 @@ from tidemap.services.locations import LocationChanges, change_location, delete_
 from tidemap.services.readings import last_seen
 from tidemap.services.verify import Finding, verify
 from tidemap.storage.engine import open_reader
-from tidemap.storage.records import CHUNK_CELLS
 from tidemap.storage.tables import metadata
 
 SHAPE = (13, 10, 9)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sqlalchemy import RowMapping
 
 from tidemap.errors import CorruptChunkError
+from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.timebase import TimeBase
 from tidemap.history.values import ValueKind
 from tidemap.space.grid import SINGLE, Extent, GridGeometry
@@ -18,7 +19,6 @@ from tidemap.spectral.conditioning import UNLEARNED, Persistence
 from tidemap.spectral.recipe import Recipe
 from tidemap.storage.blobs import unpack_json
 
-CHUNK_CELLS = 1024
 KINDS = {
     "state": (Extent.SINGLE, ValueKind.STATE),
     "grid2d": (Extent.PLANE, ValueKind.STATE),

@@ -13,6 +13,7 @@ from tests.bench.load import Target, floor_server, request
 from tests.bench.timing import Figure, quantile
 from tests.support.contexts import opened
 from tests.support.server import ServerProcess
+from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.timebase import TimeBase
 from tidemap.media_types import ARROW
 from tidemap.services.context import Context
@@ -20,7 +21,7 @@ from tidemap.services.locations import NewLocation, create_location, find_locati
 from tidemap.space.grid import GridGeometry
 from tidemap.spectral.recipe import Recipe
 from tidemap.spectral.spectrum import Spectrum
-from tidemap.storage.records import CHUNK_CELLS, RevisionRecord
+from tidemap.storage.records import RevisionRecord
 from tidemap.storage.work import Work
 
 NAME, SHAPE, EVERY, ORDER, WEEK_S = "hall", (200, 200, 25), 10, 15, 604_800.0

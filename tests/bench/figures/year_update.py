@@ -20,6 +20,7 @@ from tests.support.server import ServerProcess
 from tidemap.client import Client, arrow
 from tidemap.client.encoding import look
 from tidemap.formats.registry import Body
+from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.segment import SEGMENT_SAMPLES, Segment
 from tidemap.media_types import ARROW
 from tidemap.services.context import Context
@@ -29,7 +30,6 @@ from tidemap.services.posts import Post
 from tidemap.space.grid import GridGeometry
 from tidemap.storage.blobs import pack_segment
 from tidemap.storage.codec import HEADERS
-from tidemap.storage.records import CHUNK_CELLS
 
 BY_NAME = True
 """Takes minutes."""
