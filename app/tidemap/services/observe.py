@@ -15,7 +15,6 @@ from tidemap.history.combining import ANY
 from tidemap.history.history import OCCUPIED
 from tidemap.history.measurements import Measurements
 from tidemap.ingest.observation import Target, checked
-from tidemap.schemas.common import FARTHEST_S
 from tidemap.services.context import Context
 from tidemap.services.judge import judge
 from tidemap.services.keys import confirm
@@ -94,10 +93,9 @@ def parsed(ctx: Context, name: str, post: Post) -> tuple[LocationRecord, Measure
     """The location of a post and its measurements. Raises as `observe`."""
     try:
         location = ctx.caches.locations.get(name, partial(find_location, ctx))
-        columns = registry.read(post.body, location.kind, location.cells)
+        columns = registry.read(post.body, location.cells)
         now, settings = ctx.clock(), ctx.settings
-        earliest = max(now - settings.past_s, -FARTHEST_S)
-        return location, checked(columns, Target(location.cells, earliest, now + settings.future_s))
+        return location, checked(columns, Target(location.cells, now - settings.past_s, now + settings.future_s))
     except DomainError:
         _refuse(ctx, name, post)
         raise

@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tidemap.errors import CorruptChunkError, NoModelError
+from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.services.context import Context, Loaded
 from tidemap.services.history import read_history, window
 from tidemap.services.keys import Claim, confirm
 from tidemap.spectral.model import fit_part
 from tidemap.spectral.recipe import ORDER, Recipe
 from tidemap.spectral.spectrum import Spectrum, blank, concatenate, truncate
-from tidemap.storage.records import CHUNK_CELLS, LocationRecord, RevisionRecord
+from tidemap.storage.records import LocationRecord, RevisionRecord
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -11,13 +11,20 @@ from numpy.typing import NDArray
 from sqlalchemy import RowMapping
 
 from tidemap.errors import CorruptChunkError
+from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.timebase import TimeBase
-from tidemap.space.grid import SINGLE, GridGeometry
+from tidemap.history.values import ValueKind
+from tidemap.space.grid import SINGLE, Extent, GridGeometry
 from tidemap.spectral.conditioning import UNLEARNED, Persistence
 from tidemap.spectral.recipe import Recipe
 from tidemap.storage.blobs import unpack_json
 
-CHUNK_CELLS = 1024
+KINDS = {
+    "state": (Extent.SINGLE, ValueKind.STATE),
+    "grid2d": (Extent.PLANE, ValueKind.STATE),
+    "grid3d": (Extent.VOLUME, ValueKind.STATE),
+}
+"""What a location's `kind` says of how its cells lie, and of what they hold."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +60,22 @@ class LocationRecord:
         """From a row of the table."""
         return cls(**{**row, "grid": grid_of(row["grid"])})
 
+    @property
+    def extent(self) -> Extent:
+        """How its cells lie. Raises ValueError for a kind that is not known."""
+        return self._meaning[0]
+
+    @property
+    def value(self) -> ValueKind:
+        """What its cells hold. Raises ValueError for a kind that is not known."""
+        return self._meaning[1]
+
+    @property
+    def _meaning(self) -> tuple[Extent, ValueKind]:
+        if self.kind not in KINDS:
+            raise ValueError(f"{self.kind!r} is no kind of location")
+        return KINDS[self.kind]
+
     @cached_property
     def base(self) -> TimeBase:
         """The time base of its samples."""
@@ -60,7 +83,7 @@ class LocationRecord:
 
     @cached_property
     def cells(self) -> GridGeometry:
-        """Its grid; that of a `state` has one cell."""
+        """Its grid; without one, its one cell."""
         return self.grid or SINGLE
 
     @property
@@ -104,6 +127,11 @@ def grid_of(text: str | None) -> GridGeometry | None:
         return None
     value = json.loads(text)
     return GridGeometry(value["frame"], tuple(value["origin"]), value["resolution_m"], tuple(value["shape"]))
+
+
+def grid_text(grid: GridGeometry) -> str:
+    """A grid as the JSON that is stored of it."""
+    return json.dumps(asdict(grid), separators=(",", ":"), ensure_ascii=False)
 
 
 @dataclass(frozen=True)

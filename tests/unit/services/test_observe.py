@@ -23,11 +23,10 @@ from tidemap.errors import (
 from tidemap.events.messages import EventMessage
 from tidemap.formats.registry import Body
 from tidemap.media_types import JSON
-from tidemap.schemas.locations import LocationPatch
 from tidemap.services.anomalies import EventQuery, list_events
 from tidemap.services.context import Context
 from tidemap.services.keys import Claim, Principal
-from tidemap.services.locations import change_location, delete_location, find_location, get_location
+from tidemap.services.locations import LocationChanges, change_location, delete_location, find_location, get_location
 from tidemap.services.observe import (
     QUICK_BYTES,
     QUICK_LOOKS,
@@ -309,11 +308,11 @@ def test_a_post_goes_by_what_its_location_is_now(ctx: Context) -> None:
     """Locations are remembered between posts; whatever changes one is noticed by the next."""
     learned_door(ctx)
     assert len(post_states(ctx, "door", [6000.0], [1]).anomalies) == 1
-    change_location(ctx, "door", LocationPatch(estimator="fft", confidence=0.5))
+    change_location(ctx, "door", LocationChanges(estimator="fft", confidence=0.5))
     assert post_states(ctx, "door", [6060.0], [1]).anomalies[0].confidence == 0.5
     refit(ctx, "door")
     assert post_states(ctx, "door", [6120.0], [1]).revision == 2
-    change_location(ctx, "door", LocationPatch(name="gate"))
+    change_location(ctx, "door", LocationChanges(name="gate"))
     with pytest.raises(LocationNotFoundError):
         post_states(ctx, "door", [6180.0], [1])
     assert post_states(ctx, "gate", [6180.0], [1]).location == "gate"

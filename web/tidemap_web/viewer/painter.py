@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.services.locations import LocationSummary
-from tidemap.space.grid import GridGeometry
+from tidemap.space.grid import Extent, GridGeometry
 from tidemap_web.viewer import report
 from tidemap_web.viewer.cells import Cloud, Ground, Taste, picture
 from tidemap_web.viewer.layout import Layout, arrange
@@ -127,7 +127,7 @@ class Painter:
         key = _key(location, state)
         if self._laid is None or self._laid[0] != key:
             ground = Ground.of(grid, state.cell)
-            layout = arrange(grid, ground.index, location.kind == "grid2d")
+            layout = arrange(grid, ground.index, location.extent is Extent.PLANE)
             self._laid = (key, ground, layout)
         return self._laid[1], self._laid[2]
 

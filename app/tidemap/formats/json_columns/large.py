@@ -34,9 +34,9 @@ class _Looks(msgspec.Struct, forbid_unknown_fields=True):
     observations: list[_Look]
 
 
-def read(content: Content, kind: str, grid: GridGeometry) -> Columns:
+def read(content: Content, grid: GridGeometry) -> Columns:
     """Columns of a JSON body. Raises UnreadableBodyError, InvalidInputError."""
-    return _state(content) if kind == "state" else _grid(content, grid)
+    return _state(content) if grid.is_single else _grid(content, grid)
 
 
 def _state(content: Content) -> Columns:

@@ -16,12 +16,12 @@ CELL_MESSAGE = "a cell is its linear index or [i,j,k]"
 STATE_MESSAGE = "a state is 0 (free) or 1 (occupied)"
 
 
-def read(content: Content, kind: str, grid: GridGeometry) -> Columns:
+def read(content: Content, grid: GridGeometry) -> Columns:
     """Columns of a JSON body. Raises UnreadableBodyError, InvalidInputError."""
     document = _load(content)
     if not isinstance(document, dict):
         raise InvalidInputError.at("body", "send a JSON object")
-    return _state(document) if kind == "state" else _grid(document, grid)
+    return _state(document) if grid.is_single else _grid(document, grid)
 
 
 def _load(content: Content) -> Any:

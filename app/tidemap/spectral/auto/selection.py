@@ -153,8 +153,7 @@ def _without(
 
 def _changing(history: History, most: int, time_zone: str | None, base: TimeBase) -> NDArray[np.int64]:
     """Cells that changed, evenly spread, as many as the cost allows; of many never so few that they pass for few."""
-    occupied, observed = history.count_occupied(), history.count_observed()
-    changing = np.flatnonzero((occupied > 0) & (occupied < observed))
+    changing = history.changing()
     most = min(most, MAX_SAMPLES // history.n_samples)
     if time_zone is not None:
         days = math.ceil(history.n_samples * base.interval_s / DAY_S)
