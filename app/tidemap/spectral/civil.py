@@ -1,4 +1,4 @@
-"""Civil time: what the clock on the wall of a time zone shows, in seconds that can be computed with; public holidays."""
+"""Civil time: what the clock on the wall of a time zone shows, in seconds to compute with, and public holidays."""
 
 from datetime import UTC, datetime
 from functools import lru_cache
