@@ -123,6 +123,13 @@ def office() -> Office:
     return read_office()
 
 
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest files first, those with processes of their own, so that all workers have something to do until the
+    end; nothing else is moved."""
+    items.sort(key=lambda item: "e2e" not in item.path.parts)
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     """Show the logs of the running servers and the browser's console with a failed test."""

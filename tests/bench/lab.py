@@ -5,7 +5,7 @@ import time
 import numpy as np
 
 from tidemap.client import arrow
-from tidemap.client.encoding import look
+from tidemap.client.encoding import snapshot
 from tidemap.formats.registry import Body
 from tidemap.media_types import ARROW
 from tidemap.services.context import Context
@@ -31,7 +31,7 @@ def seen(time_s: float) -> bytes:
     random = np.random.default_rng(int(time_s))
     rows = np.sort(random.choice(CELLS.size, N_SEEN, replace=False))
     occupied = _occupied(time_s)[rows] ^ (random.random(N_SEEN) < NOISE)
-    return arrow.write(look(time_s, CELLS[rows[occupied]], CELLS[rows[~occupied]]).named())
+    return arrow.write(snapshot(time_s, CELLS[rows[occupied]], CELLS[rows[~occupied]]).named())
 
 
 def bodies(count: int, before_s: float) -> list[bytes]:

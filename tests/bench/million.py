@@ -8,7 +8,7 @@ from math import prod
 import numpy as np
 
 from tidemap.client import arrow
-from tidemap.client.encoding import look
+from tidemap.client.encoding import snapshot
 from tidemap.formats.registry import Body
 from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.history import History
@@ -38,7 +38,9 @@ def make(ctx: Context, shape: tuple[int, ...] = SHAPE, estimator: str = "auto") 
     for some in _groups(_segments(prod(shape)), 32):
         ctx.store.write(partial(put, location, some))
     for time in (TIME[0], TIME[-1]):
-        observe(ctx, NAME, Post(Body(arrow.write(look(time, np.zeros(0, np.uint32), np.array([1])).named()), ARROW)))
+        observe(
+            ctx, NAME, Post(Body(arrow.write(snapshot(time, np.zeros(0, np.uint32), np.array([1])).named()), ARROW))
+        )
 
 
 def put(location: LocationRecord, some: dict[SegmentKey, bytes], work: Work) -> None:

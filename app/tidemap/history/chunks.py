@@ -18,7 +18,7 @@ Part: TypeAlias = tuple[Measurements, int, int]
 
 
 def by_chunk(part: Measurements) -> Measurements:
-    """The same sorted by chunk and within it as they were; a single look is so already."""
+    """The same sorted by chunk and within it as they were; a snapshot is so already."""
     chunks = part.cell // np.uint32(CHUNK_CELLS)
     return part if (chunks[1:] >= chunks[:-1]).all() else part.select(np.argsort(chunks, kind="stable"))
 

@@ -208,9 +208,9 @@ class History:
 
     def _state_at(self, cell: NDArray[np.int64], bit: NDArray[np.int64]) -> NDArray[np.uint8]:
         mask = np.uint8(1) << (bit & 7).astype(np.uint8)
-        seen = (self.observed[cell, bit >> 3] & mask) != 0
-        full = (self.occupied[cell, bit >> 3] & mask) != 0
-        return np.where(seen, full.astype(np.uint8), np.uint8(UNOBSERVED))
+        observed = (self.observed[cell, bit >> 3] & mask) != 0
+        occupied = (self.occupied[cell, bit >> 3] & mask) != 0
+        return np.where(observed, occupied.astype(np.uint8), np.uint8(UNOBSERVED))
 
     @classmethod
     def from_intervals(cls, intervals: Intervals, start: int | None = None, stop: int | None = None) -> Self:

@@ -25,7 +25,7 @@ from tidemap.services.spectra import fitted, held
 from tidemap.storage.blobs import pack_measurements
 from tidemap.storage.records import AnomalyRecord, LocationRecord, ObservationRecord
 
-QUICK_BYTES, QUICK_LOOKS = 4 << 20, 16
+QUICK_BYTES, QUICK_SNAPSHOTS = 4 << 20, 16
 """What a post takes at most that is parsed and judged between commits: memory, and moments in it. Some milliseconds."""
 
 
@@ -84,7 +84,7 @@ def _can_judge(ctx: Context, location: LocationRecord) -> bool:
 def _quick_entry(ctx: Context, name: str, post: Post) -> Entry:
     """A post, parsed and judged. Raises NotQuickError, and as `observe`."""
     location, measurements = parsed(ctx, name, post)
-    if len(measurements.heads) > QUICK_LOOKS or not _can_judge(ctx, location):
+    if len(measurements.heads) > QUICK_SNAPSHOTS or not _can_judge(ctx, location):
         raise NotQuickError
     return judged(ctx, post, location, measurements)
 
@@ -153,10 +153,10 @@ def _events(
             # Another one took its name meanwhile: this post was for one that is gone, as its storing will find.
             return location, []
         location, spectrum = fit.location, fit.spectrum
-    return location, judge(location, spectrum, _telling(location, measurements))
+    return location, judge(location, spectrum, _decisive(location, measurements))
 
 
-def _telling(location: LocationRecord, measurements: Measurements) -> Measurements:
+def _decisive(location: LocationRecord, measurements: Measurements) -> Measurements:
     """Those that say by themselves what the state of a sample is; for `any` a free one does not."""
     return measurements if location.combine != ANY else measurements.select(measurements.state == OCCUPIED)
 

@@ -25,8 +25,8 @@ LINE = 2
 def pack_measurements(measurements: Measurements) -> bytes:
     """Times as runs of equal times, cells as steps from the first of their run, states as bits.
 
-    Any order comes back as it was; in order (`Measurements.in_order`) the steps are small and so is the blob. Of a look
-    that saw most cells of some part, which they are, in bits.
+    Any order comes back as it was; in order (`Measurements.in_order`) the steps are small and so is the blob. Of a
+    snapshot that saw most cells of some part, which they are, in bits.
     """
     heads, cell = measurements.heads, measurements.cell
     columns: dict[str, NDArray[np.generic]] = {

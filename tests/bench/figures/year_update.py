@@ -18,7 +18,7 @@ from tests.support.contexts import opened
 from tests.support.memory import memory_mb, peak_memory_mb
 from tests.support.server import ServerProcess
 from tidemap.client import Client, arrow
-from tidemap.client.encoding import look
+from tidemap.client.encoding import snapshot
 from tidemap.formats.registry import Body
 from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.segment import SEGMENT_SAMPLES, Segment
@@ -80,7 +80,9 @@ def prepare(ctx: Context, shape: tuple[int, int, int]) -> None:
         some = {(chunk, number): blob for chunk in range(location.n_chunks)}
         ctx.store.write(partial(put, location, some))
     for time_s in (0.0, (year.n_samples - 1) * INTERVAL_S):
-        observe(ctx, NAME, Post(Body(arrow.write(look(time_s, np.zeros(0, np.uint32), np.array([1])).named()), ARROW)))
+        observe(
+            ctx, NAME, Post(Body(arrow.write(snapshot(time_s, np.zeros(0, np.uint32), np.array([1])).named()), ARROW))
+        )
 
 
 def read(path: Path) -> float:

@@ -16,7 +16,7 @@ from tidemap.space.grid import SINGLE, GridGeometry
 GRID = GridGeometry("map", (0.0, 0.0, 0.0), 1.0, (4, 5))
 TIME = st.sampled_from([0, 1.5, -3, "2026-03-01T09:00:00Z", "17", 1e9])
 CELL = st.integers(-1, 25) | st.lists(st.integers(-1, 6), min_size=2, max_size=2)
-LOOK = st.fixed_dictionaries({"time": TIME}, optional={"occupied": st.lists(CELL), "free": st.lists(CELL)})
+OBSERVATION = st.fixed_dictionaries({"time": TIME}, optional={"occupied": st.lists(CELL), "free": st.lists(CELL)})
 
 
 def columns(read: Any, document: Any, grid: GridGeometry, indent: int | None) -> Any:
@@ -46,9 +46,9 @@ def test_states_are_read_alike(time: list[Any], state: list[int], piece: int, in
     both({"time": time[:n], "state": state[:n]}, SINGLE, piece, indent)
 
 
-@given(looks=st.lists(LOOK, max_size=5), piece=st.integers(1, 40), indent=st.sampled_from([None, 1]))
-def test_looks_are_read_alike(looks: list[dict[str, Any]], piece: int, indent: int | None) -> None:
-    both({"observations": looks}, GRID, piece, indent)
+@given(observations=st.lists(OBSERVATION, max_size=5), piece=st.integers(1, 40), indent=st.sampled_from([None, 1]))
+def test_observations_are_read_alike(observations: list[dict[str, Any]], piece: int, indent: int | None) -> None:
+    both({"observations": observations}, GRID, piece, indent)
 
 
 @pytest.mark.parametrize(
@@ -62,7 +62,12 @@ def test_looks_are_read_alike(looks: list[dict[str, Any]], piece: int, indent: i
         (b'{"time": [1, NaN], "state": [1, 1]}', SINGLE, UnreadableBodyError, "no JSON"),
         (b"[1]", SINGLE, UnreadableBodyError, "no JSON object"),
         (b'{"time": ["\xff"], "state": [1]}', SINGLE, UnreadableBodyError, "no JSON"),
-        (b'{"observations": [%s]}' % b",".join([b'{"time":1}'] * 100_001), GRID, InvalidInputError, "100000 looks"),
+        (
+            b'{"observations": [%s]}' % b",".join([b'{"time":1}'] * 100_001),
+            GRID,
+            InvalidInputError,
+            "100000 observations",
+        ),
     ],
 )
 def test_what_is_wrong_is_said(content: bytes, grid: GridGeometry, error: type[DomainError], says: str) -> None:

@@ -68,7 +68,7 @@ class Painter:
         location = self._source.grid(name)
         if news or self._location != name:
             self._publish_location(location)
-        shown = self._look(location, request)
+        shown = self._painted(location, request)
         if shown is None:
             self.blank("no-observations", name)
             return
@@ -108,7 +108,7 @@ class Painter:
         first = location.first_time if location.first_time is not None else now
         self._publish(report.location(location, self._source.events(location.name, first), now))
 
-    def _look(self, location: LocationSummary, request: ViewRequest) -> PaintedView | None:
+    def _painted(self, location: LocationSummary, request: ViewRequest) -> PaintedView | None:
         """What there is to see; None when nothing has been observed."""
         if location.last_time is None or location.grid is None:
             return None
