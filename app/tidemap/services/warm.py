@@ -101,3 +101,7 @@ def _read_only(array: NDArray[Any]) -> NDArray[Any]:
     copy = array.copy()
     copy.flags.writeable = False
     return copy
+
+
+if __name__ == "__main__":
+    warm()
