@@ -26,7 +26,16 @@ def scripts(tmp_path: Path) -> Path:
 def check(folder: Path) -> subprocess.CompletedProcess[str]:
     deno = Path(sys.executable).with_name("deno")
     files = [folder / "types.d.ts", *sorted((folder / STATIC).glob("*.js"))]
-    command = [deno, "check", "--quiet", "--no-remote", "--no-npm", "--config", folder / "deno.json", *files]
+    command: list[str | Path] = [
+        deno,
+        "check",
+        "--quiet",
+        "--no-remote",
+        "--no-npm",
+        "--config",
+        folder / "deno.json",
+        *files,
+    ]
     environment = os.environ | {"DENO_DIR": str(folder / "cache"), "DENO_NO_UPDATE_CHECK": "1", "NO_COLOR": "1"}
     return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
 
