@@ -91,7 +91,7 @@ class LocationOperations(AnomalyOperations):
         source: str | None = None,
         idempotency_key: str | None = None,
     ) -> Postable:
-        """Store one look at a grid: cells seen occupied and cells seen free, as indices or rows [i, j, k].
+        """Store one observation of a grid: cells seen occupied and cells seen free, as indices or rows [i, j, k].
 
         Or all of it as an array `grid` of the location's shape (nx, ny): 1 occupied, 0 free, -1 (or 255) not seen.
         With `layout` "ros", or as something shaped like nav_msgs/OccupancyGrid, it is (ny, nx), rows of one y, with 65

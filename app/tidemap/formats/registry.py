@@ -17,9 +17,9 @@ from tidemap.space.grid import GridGeometry
 
 @dataclass(frozen=True, slots=True)
 class Reader:
-    """`read` gives the columns of a body for a location's kind and grid. `cost` as `Body.cost`."""
+    """`read` gives the columns of a body for a location's grid. `cost` as `Body.cost`."""
 
-    read: Callable[[Content, str, GridGeometry], Columns]
+    read: Callable[[Content, GridGeometry], Columns]
     cost: int
 
 
@@ -65,8 +65,8 @@ class Body:
         return beside if self.layout is None else f"{beside} {self.layout}"
 
 
-def read(body: Body, kind: str, grid: GridGeometry) -> Columns:
-    """The measurements of a body as they were sent, for a location of this kind and grid.
+def read(body: Body, grid: GridGeometry) -> Columns:
+    """The measurements of a body as they were sent, for a location of this grid.
 
     Raises UnsupportedMediaTypeError, UnreadableBodyError, InvalidInputError.
     """
@@ -78,7 +78,7 @@ def read(body: Body, kind: str, grid: GridGeometry) -> Columns:
     if body.layout is not None and (body.time is None or body.media_type != NPY):
         raise InvalidInputError.at("layout", f"only a grid as {NPY}, with its `time`, has a layout; leave it out")
     if body.time is None:
-        return reader.read(body.content, kind, grid)
+        return reader.read(body.content, grid)
     if body.media_type != NPY:
         raise InvalidInputError.at("time", f"only a grid as {NPY} has its time here; leave it out")
     read_grid = npy.read_grid if body.layout is None else npy.read_occupancy

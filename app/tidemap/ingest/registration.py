@@ -1,4 +1,4 @@
-"""RegistrationOutcome: a scan's pose put right by the map, or a reason why it is not.
+"""Registration: a scan's pose put right by the map, or a reason why it is not.
 
 An alignment that converged may be wrong, and one that is wrong spoils the map. So it is accepted only where it came to
 rest, is held in every direction, agrees with what was said of the pose, and is found again from two other starts
@@ -7,15 +7,18 @@ written.
 """
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from scipy.stats import chi2
 
-from tidemap.schemas.scans import Verdict
 from tidemap.space.alignment import MAX_POINTS, MAX_ROUGH_POINTS, Alignment, Surface
 from tidemap.space.pose import Array, Pose
 from tidemap.space.scan import Scan
 
+RegistrationMode = Literal["auto", "always", "never"]
+"""Whether to register: where a covariance says how wrong the pose may be, in any case, or not at all."""
+Verdict = Literal["accepted", "raw_pose", "quarantined"]
 MIN_POINTS = 50
 """Cells of the map, and points of a scan that meet one: with fewer there is nothing to hold on to."""
 MIN_WEAKEST, MIN_WEAKEST_FLAT = 0.02, 0.05

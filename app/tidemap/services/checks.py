@@ -12,6 +12,7 @@ import numpy as np
 
 from tidemap.errors import CorruptChunkError
 from tidemap.history.segment import SEGMENT_SAMPLES, Segment
+from tidemap.space.grid import Extent
 from tidemap.storage.blobs import (
     unpack_cells,
     unpack_json,
@@ -53,7 +54,7 @@ def location_of(row: Row) -> LocationRecord:
     """The record of a location's row; ValueError saying why there is none."""
     try:
         location = LocationRecord.of(row._mapping)
-        fits = location.base and location.n_cells > 0 and (location.kind == "state") == (location.grid is None)
+        fits = location.base and location.n_cells > 0 and (location.extent is Extent.SINGLE) == (location.grid is None)
     except UNREADABLE as error:
         raise ValueError(f"they cannot be read: {error}") from error
     if not fits:

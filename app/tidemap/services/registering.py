@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 from tidemap.errors import InvalidInputError, NoModelError
 from tidemap.history.measurements import Measurements
 from tidemap.ingest.observation import check_time
-from tidemap.ingest.registration import RegistrationOutcome, as_stated, register
+from tidemap.ingest.registration import RegistrationMode, RegistrationOutcome, as_stated, register
 from tidemap.ingest.scan import SentScan, refuse_outside, scan_of
-from tidemap.schemas.scans import RegistrationMode
 from tidemap.services.context import Context
 from tidemap.services.observe import target_of
 from tidemap.services.spectra import Fitted, fitted

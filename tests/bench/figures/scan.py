@@ -17,9 +17,8 @@ from tidemap.client.scanning import scan
 from tidemap.formats.scan_body import ScanBody
 from tidemap.ingest.registration import register
 from tidemap.ingest.scan import scan_of
-from tidemap.schemas.locations import Grid, LocationForm
 from tidemap.services.context import Context, open_context
-from tidemap.services.locations import create_location, find_location
+from tidemap.services.locations import NewLocation, create_location, find_location
 from tidemap.services.observe import judged
 from tidemap.services.posts import Post
 from tidemap.services.registering import register_sweep, sweep_of
@@ -60,9 +59,8 @@ def hall() -> Iterator[Context]:
         settings = Settings(data=Path(folder), updater=False)
         prepare_database(settings.url)
         with open_context(settings) as ctx:
-            grid = Grid(origin=sweep.GRID.origin, resolution_m=0.1, shape=list(sweep.GRID.shape))
-            form = LocationForm(name=NAME, kind="grid3d", grid=grid, interval_s=INTERVAL_S, estimator="static")
-            create_location(ctx, form)
+            new = NewLocation(NAME, INTERVAL_S, "grid3d", grid=sweep.GRID, estimator="static")
+            create_location(ctx, new)
             for ago in range(1, 13):
                 post(ctx, body(ctx.clock() - INTERVAL_S * ago, np.zeros(3)))
             run_update(ctx, find_location(ctx, NAME).id, UpdateRequest(), LocalExecutor(ctx, 1), lambda _: None)
