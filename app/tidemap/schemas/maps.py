@@ -81,6 +81,37 @@ class SeriesAnswer(Answer):
     revision: int
 
 
+class BestTime(Answer):
+    """A time at which looking is worth most; `information` in nats, summed over the region."""
+
+    time: float
+    information: float
+
+
+class InformationAnswer(Answer):
+    """What looking is expected to say of the states of a region, in nats: at most ln 2 of a cell, 0 of a certain one.
+
+    `entropy` is what is not known, per time; `information` what a look tells of it: the same, less the noise of looks
+    that err. Both are sums over the `cells` that have been observed. Of a question for one time, `cell`,
+    `cell_entropy` and `cell_information` are those of every cell. `best`: the best times first, any two at least
+    `apart_s` seconds apart.
+    """
+
+    time: list[float]
+    entropy: list[float]
+    information: list[float]
+    cells: int
+    cell: list[int] | None = None
+    cell_entropy: list[float] | None = None
+    cell_information: list[float] | None = None
+    best: list[BestTime]
+    apart_s: float
+    as_of: TimeOut
+    given: Given
+    revision: int
+    unavailable: list[tuple[int, int]] = Field(description=UNAVAILABLE)
+
+
 class Component(Answer):
     """One wave: amplitude·cos(2π·frequency_hz·τ + phase); with `gate` weekend on Saturdays and Sundays only.
 

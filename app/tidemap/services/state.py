@@ -193,9 +193,14 @@ def _asked_for(ctx: Context, asked: Asked) -> tuple[NDArray[np.int64], NDArray[n
     spectrum, query = asked.model.spectrum, asked.query
     if query.bbox is None:
         return _known(predict(spectrum, query.time, threads=ctx.settings.update_threads))
-    cell = known(spectrum)
-    cell = cell[_box(asked.model.location, query.bbox, cell)]
+    cell = cells_in(asked.model, query.bbox)
     return cell, predict(spectrum, query.time, cell)
+
+
+def cells_in(model: Fitted, bbox: tuple[float, ...] | None) -> NDArray[np.int64]:
+    """The cells that have been observed, of those in a box if there is one, ascending. Raises InvalidInputError."""
+    cell = known(model.spectrum)
+    return cell if bbox is None else cell[_box(model.location, bbox, cell)]
 
 
 def _known(probability: NDArray[np.float32]) -> tuple[NDArray[np.int64], NDArray[np.float32]]:

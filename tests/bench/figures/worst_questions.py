@@ -84,6 +84,8 @@ def questions() -> Iterator[tuple[str, Question]]:
     yield "predict, too many", ("POST", f"{door}/predict", {"json": {"time": [*million, now]}})
     yield "predict, 10^6 cells", ("POST", f"{hall}/predict", {"json": {"time": [0.0]}})
     yield "series", ("GET", f"{door}/series?start={START}&stop={START + 999_999}&step=1", {})
+    yield "information", ("GET", f"{hall}/information?start={START}&stop={START + 49 * 300}&step=300", {})
+    yield "information, 10^6 cells", ("GET", f"{hall}/information?time={START}", {})
     yield "model", ("GET", f"{door}/model?order=64", {})
     yield "detect", ("POST", f"{door}/anomalies/detect", {"json": {**whole, "confidence": 0.5, "rule": "paper"}})
     yield "evaluate", ("POST", f"{door}/evaluate", {"json": {**whole, "orders": orders}})
