@@ -98,6 +98,17 @@ QUESTIONS = [
     # evaluate
     form(f"{DOOR}/evaluate", {}, "orders", "missing"),
     form(f"{DOOR}/evaluate", {"orders": []}, "orders"),
+    form(f"{DOOR}/evaluate", {"horizons_s": []}, "orders", "missing"),
+    form(f"{DOOR}/evaluate", {"horizons_s": [60], "estimators": ["fft"]}, "orders", "missing"),
+    *(
+        form(f"{DOOR}/evaluate", {"horizons_s": [60, value]}, "horizons_s[1]")
+        for value in (0, -1, 1e9, NAN, "60", None)
+    ),
+    form(f"{DOOR}/evaluate", {"horizons_s": list(range(1, 18))}, "horizons_s"),
+    form(f"{DOOR}/evaluate", {"horizons_s": [60], "time": [T], "state": [1]}, "horizons_s", "leave time and state out"),
+    form(f"{DOOR}/evaluate", {"horizons_s": [60], "train_stop": T}, "train_stop", "leave train_stop out"),
+    form(f"{DOOR}/evaluate", {"horizons_s": [60], "start": 0}, "start", "known before start"),
+    form(f"{DOOR}/evaluate", {"horizons_s": [60], "start": NOW + DAY}, "start", "observed between"),
     *(form(f"{DOOR}/evaluate", {"orders": [1, value]}, "orders[1]", "0 to 64") for value in (65, -1, 10**9)),
     form(f"{DOOR}/evaluate", {"orders": list(range(66))}, "orders"),
     *(form(f"{DOOR}/evaluate", {"orders": [value]}, "orders[0]") for value in ("x", "1", True)),

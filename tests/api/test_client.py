@@ -136,6 +136,10 @@ def test_the_life_of_a_door(client: Any, name: str) -> None:
     given = handle.evaluate(orders=[5], estimators=["fft"], time=[noon], state=[True])
     assert (given.results[0].error, given.results[0].n) == (0, 1)
 
+    ahead = handle.evaluate(horizons_s=[600, 7200], start=times[-1] - DAY_S)
+    assert [row.samples for row in ahead.horizons] == [1, 12]
+    assert all(row.conditioned.n == 144 + 1 for row in ahead.horizons)
+
     info = handle.get()
     assert (info.observations, info.revision, info.kind) == (len(times), 1, "state")
     assert name in [location.name for location in client.locations()]

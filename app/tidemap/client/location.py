@@ -232,7 +232,8 @@ class LocationOperations(AnomalyOperations):
     def evaluate(
         self,
         *,
-        orders: list[int],
+        orders: list[int] | None = None,
+        horizons_s: list[float] | None = None,
         start: TimeLike | None = None,
         stop: TimeLike | None = None,
         estimators: list[EstimatorName] | None = None,
@@ -242,9 +243,14 @@ class LocationOperations(AnomalyOperations):
         train_start: TimeLike | None = None,
         train_stop: TimeLike | None = None,
     ) -> Plan[Evaluation]:
-        """Score estimators and orders against the history in [start, stop), or against measurements given."""
+        """Score estimators and orders against the history in [start, stop), or against measurements given.
+
+        By `horizons_s` how good the answer given a reading that many seconds old is, beside the rhythm and persistence
+        alone; what answers is learned from the past of what is scored.
+        """
         form = present(
-            orders=list(orders),
+            orders=orders,
+            horizons_s=horizons_s,
             start=start,
             stop=stop,
             estimators=estimators,

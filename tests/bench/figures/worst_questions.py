@@ -70,7 +70,7 @@ def prepare_door(ctx: Context) -> None:
 def questions() -> Iterator[tuple[str, Question]]:
     """The largest that every route takes, and some that are too large."""
     door, hall, now = f"/locations/{DOOR}", f"/locations/{NAME}", START + WEEKS * 604_800
-    whole = {"start": START, "stop": now}
+    whole, half = {"start": START, "stop": now}, START + WEEKS * 302_400
     million = [now + 61.0 * n for n in range(1_000_000)]
     orders = list(range(21))
     yield "nothing", ("GET", "/locations", {})
@@ -89,6 +89,11 @@ def questions() -> Iterator[tuple[str, Question]]:
     yield "model", ("GET", f"{door}/model?order=64", {})
     yield "detect", ("POST", f"{door}/anomalies/detect", {"json": {**whole, "confidence": 0.5, "rule": "paper"}})
     yield "evaluate", ("POST", f"{door}/evaluate", {"json": {**whole, "orders": orders}})
+    horizons = [60.0 * 2**n for n in range(16)]
+    yield (
+        "evaluate by horizon",
+        ("POST", f"{door}/evaluate", {"json": {**whole, "horizons_s": horizons, "start": half}}),
+    )
     yield "anomalies", ("GET", "/anomalies?limit=1000", {})
     yield from posts()
     yield "locations, 16·10^6 cells", ("POST", "/locations", {"json": LARGEST})
