@@ -12,7 +12,7 @@ from tidemap.services.buffer_pool import BufferLease
 from tidemap.services.context import Context
 from tidemap.services.given import Given, Known, known_at
 from tidemap.services.keys import Claim
-from tidemap.services.readings import last_seen
+from tidemap.services.observed import observed_at
 from tidemap.services.spectra import Fitted, fitted
 from tidemap.services.state_buffer import StateBuffer
 from tidemap.spectral.prediction import known, predict, state, verdict
@@ -141,7 +141,7 @@ def view_of(ctx: Context, asked: Asked) -> StateView:
     known = _known_at(ctx, asked, cell)
     if known is not None and query.given == "observations":
         probability = known.at(probability, query.time)
-    seen = last_seen(ctx, location, int(location.base.sample(query.time)), cell) if query.observed else None
+    seen = observed_at(ctx, model, cell, query.time) if query.observed else None
     facts = asked.facts()
     damaged = {*model.damage, *(() if seen is None else seen.damaged), *(() if known is None else known.damaged)}
     return StateView(
@@ -220,4 +220,6 @@ def _box(location: LocationRecord, bbox: tuple[float, ...], cell: NDArray[np.int
 
 def _start(location: LocationRecord, sample: NDArray[np.int64]) -> NDArray[np.float64]:
     """The times of samples, NaN for NEVER."""
-    return np.where(sample == NEVER, np.nan, location.base.time(np.where(sample == NEVER, 0, sample)))
+    start = location.base.time(sample)
+    start[sample == NEVER] = np.nan
+    return start

@@ -69,9 +69,13 @@ class Standing:
     limit: int = 0
 
 
+EVIDENCE_BYTES: Final = 17
+"""Of each cell."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
-    """The latest reading of some cells, (n,) each; 17 bytes a cell.
+    """The latest reading of some cells, (n,) each; `EVIDENCE_BYTES` a cell.
 
     state: uint8, UNOBSERVED where there is none. sample: int64. age: uint32, how many samples it had lasted, its own
     included. q: float32, the model's probability of it when it was read.
