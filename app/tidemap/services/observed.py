@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.history import NEVER, UNOBSERVED
 from tidemap.history.segment import SEGMENT_SAMPLES
 from tidemap.services.context import Context, KeptEvidence
@@ -11,7 +12,6 @@ from tidemap.services.history import window
 from tidemap.services.readings import LastSeen, last_seen
 from tidemap.services.spectra import Fitted, fitted
 from tidemap.spectral.conditioning import EVIDENCE_BYTES
-from tidemap.storage.records import CHUNK_CELLS
 
 
 def observed_at(ctx: Context, model: Fitted, cells: NDArray[np.int64], time: float) -> LastSeen:

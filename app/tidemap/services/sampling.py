@@ -30,17 +30,10 @@ def sample_cells(
     n_chunks = min(location.n_chunks, n_cells)
     parts = [History.empty(0, samples[0], samples[1] - samples[0])]
     for history in sample_chunks(ctx, location, samples, check, n_chunks, read):
-        before = history if until is None else history.window(samples[0], until)
-        occupied = before.count_occupied()
-        changing = np.flatnonzero((occupied > 0) & (occupied < before.count_observed()))
+        changing = (history if until is None else history.window(samples[0], until)).changing()
         step = max(1, len(changing) * n_chunks // (4 * n_cells))
         parts.append(history.cells(changing[::step]))
-    return History(
-        samples[0],
-        samples[1] - samples[0],
-        np.concatenate([part.observed for part in parts]),
-        np.concatenate([part.occupied for part in parts]),
-    )
+    return History.stack(parts)
 
 
 def sample_chunks(

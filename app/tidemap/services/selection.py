@@ -24,8 +24,9 @@ def select(
     sampled: the histories of some changing cells; asked for only where something is left open.
     """
     if estimator == "static":
-        return Choice(estimator, 0, (), "", 0, location.time_zone)
+        return Choice(estimator, 0, (), "", 0, location.time_zone, calendar=location.calendar)
     if estimator == "fft" and isinstance(order, int):
-        return Choice(estimator, order, (), "", 0, location.time_zone)
+        return Choice(estimator, order, (), "", 0, location.time_zone, calendar=location.calendar)
     orders = ORDERS if order == "auto" else (int(order),)
-    return choose(sampled(), location.base, orders, SELECTION_CELLS, location.time_zone, estimator, check)
+    zone = (location.time_zone, estimator, check, location.calendar)
+    return choose(sampled(), location.base, orders, SELECTION_CELLS, *zone)

@@ -17,6 +17,7 @@ from tidemap.services.selection import SELECTION_CELLS, select
 from tidemap.services.update_task import ChunkFit, Executor, Plan, UpdateTask, run_task
 from tidemap.spectral.auto.selection import Choice
 from tidemap.spectral.conditioning import Persistence
+from tidemap.spectral.evaluation import accuracy
 from tidemap.spectral.model import fit_part
 from tidemap.spectral.persistence import learn_persistence
 from tidemap.spectral.window import PAUSE_S, fft_window
@@ -60,7 +61,8 @@ def run_update(
     progress(0.1)
     plan, tried = _plan(ctx, location, request, executor.check)
     fits = _fit_chunks(ctx, plan, executor, progress)
-    record = _revision(ctx, plan, tried, _accuracy(fits), _persistence(ctx, plan, executor.check))
+    fitted_share = accuracy(sum(fit.outliers for fit in fits), sum(fit.observed for fit in fits))
+    record = _revision(ctx, plan, tried, fitted_share, _persistence(ctx, plan, executor.check))
 
     def publish(work: Work) -> None:
         work.spectra.publish(record)
@@ -88,12 +90,6 @@ def _fit_chunks(ctx: Context, plan: Plan, executor: Executor, progress: Callable
     if not damage:
         ctx.damage.forget(plan.location.id)
     return fits
-
-
-def _accuracy(fits: list[ChunkFit]) -> float | None:
-    """The share of observed samples that are no outliers; None where nothing was observed."""
-    observed = sum(fit.observed for fit in fits)
-    return 1 - sum(fit.outliers for fit in fits) / observed if observed else None
 
 
 def _plan(
@@ -183,13 +179,13 @@ def _revision(
         measurements=plan.location.observations,
         accuracy=accuracy,
         updated_at=ctx.clock(),
-        selection=None if tried is None else _wire(tried),
+        selection=None if tried is None else _stored(tried),
         persistence=persistence,
     )
 
 
-def _wire(selection: Choice) -> dict[str, Any]:
-    """The choice as the API shows it."""
+def _stored(selection: Choice) -> dict[str, Any]:
+    """The choice as it is kept; a score that is no number is null."""
     rows = [asdict(row) for row in selection.table]
     for row in rows:
         row.update({name: None for name in ("error", "brier", "log_loss") if row[name] != row[name]})

@@ -17,7 +17,7 @@ from tests.bench.timing import Figure, interleaved
 from tests.support.contexts import Clock, opened
 from tidemap.api.encoding import encode_state
 from tidemap.client import arrow
-from tidemap.client.encoding import look
+from tidemap.client.encoding import snapshot
 from tidemap.formats.registry import Body
 from tidemap.media_types import ARROW
 from tidemap.services.context import Context
@@ -79,7 +79,7 @@ def posted(ctx: Context, n_cells: int) -> tuple[float, float]:
     for n in range(1, 1 + POSTS):
         at = NOW + million.INTERVAL_S * n
         cells = (np.arange(4) * (n_cells // 4) + n).astype(np.uint32)
-        body = Body(arrow.write(look(at, cells[:2], cells[2:]).named()), ARROW)
+        body = Body(arrow.write(snapshot(at, cells[:2], cells[2:]).named()), ARROW)
         post_s = cpu_s(partial(observe, ctx, million.NAME, Post(body)))
         taken.append((post_s, cpu_s(partial(ask, ctx, "model", observed=True, at=at))))
     return min(taken, key=sum)
