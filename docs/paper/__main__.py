@@ -1,12 +1,16 @@
 """`python -m docs.paper [part ...]`: all parts, or some, written into docs/method.md and docs/images/paper."""
 
+import os
 import sys
 from importlib import import_module
 
 from docs.paper.document import IMAGES, PAGE, write
 from docs.paper.recordings import missing
 
-PARTS = ("waves", "reproduction", "published", "rooms", "clocks", "costs")
+# Many small fits one after the other: threads would wait for each other.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+PARTS = ("waves", "reproduction", "published", "rooms", "clocks", "horizons", "costs")
 
 
 def main(chosen: list[str]) -> int:

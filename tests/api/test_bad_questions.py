@@ -57,6 +57,18 @@ QUESTIONS = [
     ask(f"{DOOR}/series?start=-6e10&stop=6e10", "step", "longer step"),
     ask(f"{DOOR}/series?start=x", "start", "ISO 8601"),
     ask(f"{DOOR}/series?stop=2026-03-01T00:00:00", "stop", "zone"),
+    *(ask(f"{DOOR}/information?step={value}", "step") for value in ("0", "-1", "nan", "x", "1e-3")),
+    *(ask(f"{DOOR}/information?best={value}", "best") for value in ("-1", "101", "1.5", "x", "")),
+    *(ask(f"{DOOR}/information?{name}={value}", name) for name in ("miss", "false_alarm") for value in ("-0.1", "nan")),
+    ask(f"{DOOR}/information?miss=0.5&false_alarm=0.5", "miss", "less than 1"),
+    ask(f"{DOOR}/information?start=10&stop=9", "stop", "swap"),
+    ask(f"{DOOR}/information?time=10&best=1", "time", "one time, or for a window"),
+    ask(f"{DOOR}/information?time=2026", "time", "reads as a date"),
+    ask(f"{DOOR}/information?as_of=now", "as_of", "ISO 8601"),
+    ask(f"{DOOR}/information?given=nothing", "given"),
+    ask(f"{DOOR}/information?bbox=0,0,0,1,1,1", "bbox", "leave bbox out"),
+    ask(f"{LAB}/information?bbox=0,0,0", "bbox", "six numbers"),
+    ask(f"{DOOR}/information?cell=1", "cell", "known are"),
     *(ask(f"{DOOR}/model?order={value}", "order") for value in ("65", "-1", "x")),
     ask(f"{DOOR}/model?cell=x", "cell"),
     *(
@@ -86,6 +98,17 @@ QUESTIONS = [
     # evaluate
     form(f"{DOOR}/evaluate", {}, "orders", "missing"),
     form(f"{DOOR}/evaluate", {"orders": []}, "orders"),
+    form(f"{DOOR}/evaluate", {"horizons_s": []}, "orders", "missing"),
+    form(f"{DOOR}/evaluate", {"horizons_s": [60], "estimators": ["fft"]}, "orders", "missing"),
+    *(
+        form(f"{DOOR}/evaluate", {"horizons_s": [60, value]}, "horizons_s[1]")
+        for value in (0, -1, 1e9, NAN, "60", None)
+    ),
+    form(f"{DOOR}/evaluate", {"horizons_s": list(range(1, 18))}, "horizons_s"),
+    form(f"{DOOR}/evaluate", {"horizons_s": [60], "time": [T], "state": [1]}, "horizons_s", "leave time and state out"),
+    form(f"{DOOR}/evaluate", {"horizons_s": [60], "train_stop": T}, "train_stop", "leave train_stop out"),
+    form(f"{DOOR}/evaluate", {"horizons_s": [60], "start": 0}, "start", "known before start"),
+    form(f"{DOOR}/evaluate", {"horizons_s": [60], "start": NOW + DAY}, "start", "observed between"),
     *(form(f"{DOOR}/evaluate", {"orders": [1, value]}, "orders[1]", "0 to 64") for value in (65, -1, 10**9)),
     form(f"{DOOR}/evaluate", {"orders": list(range(66))}, "orders"),
     *(form(f"{DOOR}/evaluate", {"orders": [value]}, "orders[0]") for value in ("x", "1", True)),

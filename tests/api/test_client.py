@@ -119,6 +119,15 @@ def test_the_life_of_a_door(client: Any, name: str) -> None:
     series = handle.series(start=times[0], stop=times[0] + DAY_S, step=3600)
     assert series.observed.tolist() == [int(9 <= hour < 17) for hour in range(24)]
 
+    looks = handle.information(time=noon, given="model")
+    assert (looks.cell.tolist(), looks.cells, looks.given) == ([0], 1, "model")
+    assert looks.information[0] == looks.cell_information[0] == pytest.approx(looks.cell_entropy[0])
+    day = handle.information(start=noon, stop=noon + timedelta(days=1), step=3600, best=2, as_of=noon, miss=0.1)
+    assert (len(day.time), day.cell, day.as_of) == (24, None, noon.timestamp())
+    assert (day.information < day.entropy).all()
+    assert day.best_information.tolist() == sorted(day.best_information, reverse=True)
+    assert abs(np.diff(day.best_time)[0]) >= day.apart_s > 0
+
     model = handle.model(order=2)
     assert (model.order, len(model.components)) == (2, 2)
     scores = handle.evaluate(orders=[0, 5], estimators=["fft"], start=times[0], stop=times[-1] + 600)
@@ -126,6 +135,10 @@ def test_the_life_of_a_door(client: Any, name: str) -> None:
     assert scores.results[1].error < scores.results[0].error
     given = handle.evaluate(orders=[5], estimators=["fft"], time=[noon], state=[True])
     assert (given.results[0].error, given.results[0].n) == (0, 1)
+
+    ahead = handle.evaluate(horizons_s=[600, 7200], start=times[-1] - DAY_S)
+    assert [row.samples for row in ahead.horizons] == [1, 12]
+    assert all(row.conditioned.n == 144 + 1 for row in ahead.horizons)
 
     info = handle.get()
     assert (info.observations, info.revision, info.kind) == (len(times), 1, "state")

@@ -95,3 +95,36 @@ def test_measurements_can_be_given_for_a_state_only(api: Api, lab: str) -> None:
     form = {"orders": [3], "time": [NOW], "state": [1]}
     found = problem(api.post(f"/locations/{lab}/evaluate", form), 422)
     assert found["errors"][0]["field"] == "time"
+
+
+def test_horizons_are_scored_beside_rhythm_and_persistence(api: Api, halved: str) -> None:
+    form = {"horizons_s": [HOUR, 4 * HOUR, 9 * DAY], "start": NOW - 7 * DAY, "stop": NOW}
+    answer = done(api.post(f"/locations/{halved}/evaluate", form))
+    assert (answer["results"], answer["best"], answer["reliability"]) == ([], None, [])
+    assert [(row["horizon_s"], row["samples"]) for row in answer["horizons"]] == [
+        (HOUR, 1),
+        (4 * HOUR, 4),
+        (9 * DAY, 216),
+    ]
+    for row, n in zip(answer["horizons"], (7 * 24, 7 * 24, 5 * 24), strict=True):
+        for kind in ("conditioned", "rhythm", "persistence"):
+            scores = row[kind]
+            assert scores["n"] == sum(each["n"] for each in scores["reliability"]) == n
+            assert set(scores) == {"error", "brier", "log_loss", "calibration_error", "n", "reliability"}
+            assert 0 <= scores["calibration_error"] <= 1
+    both = done(api.post(f"/locations/{halved}/evaluate", {**form, "orders": [2], "estimators": ["fft"]}))
+    assert both["horizons"] == answer["horizons"]
+    assert both["best"] == {"estimator": "fft", "order": 2}
+
+
+def test_a_horizon_longer_than_the_history_scores_nothing(api: Api, halved: str) -> None:
+    answer = done(api.post(f"/locations/{halved}/evaluate", {"horizons_s": [300 * DAY]}))
+    (row,) = answer["horizons"]
+    assert row["conditioned"] == {
+        "error": None,
+        "brier": None,
+        "log_loss": None,
+        "calibration_error": None,
+        "n": 0,
+        "reliability": [],
+    }

@@ -9,12 +9,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from tests.support.contexts import NOW, compact_now, make_location, opened, post_rows, post_states, refit
+from tests.support.contexts import NOW, Clock, compact_now, make_location, opened, post_rows, post_states, refit
+from tidemap.history.history import NEVER
 from tidemap.services import given as services_given
+from tidemap.services.compaction import forget
 from tidemap.services.context import Context
 from tidemap.services.deletion import Deletion, delete_observations
+from tidemap.services.locations import find_location
 from tidemap.services.predict import PredictQuery, predict_at
-from tidemap.services.readings import Readings, readings_at
+from tidemap.services.readings import Readings, last_seen, readings_at
 from tidemap.services.state import StateQuery, state_at
 from tidemap.storage.records import LocationRecord
 
@@ -55,6 +58,22 @@ def answers(ctx: Context, name: str) -> list[Any]:
     return found
 
 
+def compare_observed(ctx: Context, name: str) -> None:
+    """What was last seen, at some times, is what a search through history finds."""
+    location = find_location(ctx, name)
+    assert location.last_time is not None
+    for time in (BEGIN, location.last_time - MINUTE, location.last_time, location.last_time + MINUTE, NOW):
+        for how in ({}, {"order": 1}, {"bbox": (0.0, 0.0, 0.0, 2.0, 20.0, 1.0)}):
+            view = state_at(ctx, name, StateQuery(time, observed=True, **how))
+            assert view.observed is not None
+            assert view.observed_time is not None
+            found = last_seen(ctx, location, int(location.base.sample(time)), view.cell)
+            assert view.observed.tolist() == found.state.tolist()
+            never = found.sample == NEVER
+            assert np.isnan(view.observed_time).tolist() == never.tolist()
+            assert view.observed_time[~never].tolist() == location.base.time(found.sample[~never]).tolist()
+
+
 def do(ctx: Context, name: str, step: str, what: Any) -> None:
     match step:
         case "post":
@@ -81,6 +100,8 @@ def test_what_is_kept_is_what_is_read_anew(
         for step, what in steps:
             do(ctx, name, step, what)
             assert answers(ctx, name) == answers(forgetful, name)
+            compare_observed(ctx, name)
+            compare_observed(forgetful, name)
 
 
 def test_a_post_is_read_and_nothing_else(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -120,3 +141,54 @@ def test_what_is_read_after_the_moment_is_not_known(ctx: Context) -> None:
     assert p(200.0, 69.9) == p(200.0, 10.0), "what was read later in the sample is not known yet"
     assert p(10.0, 10.0) == p(5.0, 10.0) == model, "it is not later than the reading"
     assert p(10.1, 10.0) < model
+
+
+def test_observed_reads_no_history_but_of_what_was_posted(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    make_location(ctx, "lab", SHAPE, estimator="static")
+    post_rows(ctx, "lab", [(BEGIN + MINUTE * n, cell, n % 2) for n in range(10) for cell in CELLS])
+    refit(ctx, "lab")
+    view = state_at(ctx, "lab", StateQuery(BEGIN + MINUTE * 10, observed=True))
+    assert view.observed is not None
+    assert view.observed.tolist() == [1] * 5
+    post_rows(ctx, "lab", [(BEGIN + MINUTE * 11, 5, 0)])
+    asked: list[list[int]] = []
+
+    def counted(ctx: Context, location: LocationRecord, moment: float, cells: NDArray[np.int64]) -> Readings:
+        asked.append(cells.tolist())
+        return readings_at(ctx, location, moment, cells)
+
+    monkeypatch.setattr(services_given, "readings_at", counted)
+    monkeypatch.setattr("tidemap.services.observed.last_seen", lambda *_: pytest.fail("history was searched"))
+    for time in (BEGIN + MINUTE * 11, NOW, NOW + 1e6):
+        view = state_at(ctx, "lab", StateQuery(time, observed=True, order=0))
+        assert view.observed is not None
+        assert view.observed.tolist() == [1, 0, 1, 1, 1]
+    assert asked == [[5]]
+
+
+def test_what_is_forgotten_is_not_observed(ctx: Context, clock: Clock) -> None:
+    make_location(ctx, "lab", SHAPE, estimator="static", retention=3600.0)
+    post_rows(ctx, "lab", [(NOW - 3000.0, 5, 1), (NOW - 60.0, 0, 1)])
+    refit(ctx, "lab")
+    compare_observed(ctx, "lab")
+    clock.now = NOW + 1800.0
+    post_rows(ctx, "lab", [(clock.now, 0, 0)])
+    compact_now(ctx, "lab")
+    forget(ctx, find_location(ctx, "lab"))
+    compare_observed(ctx, "lab")
+    view = state_at(ctx, "lab", StateQuery(clock.now, observed=True))
+    assert view.observed is not None
+    assert dict(zip(view.cell.tolist(), view.observed.tolist(), strict=True)) == {0: 0, 5: 2}
+
+
+def test_what_is_older_than_the_model_reaches_is_not_observed(database_url: str) -> None:
+    with opened(database_url, max_samples=100) as ctx:
+        make_location(ctx, "lab", SHAPE, estimator="static")
+        post_rows(ctx, "lab", [(BEGIN + MINUTE * n, cell, 1) for n in (-9000, -8910) for cell in (0, 5)])
+        refit(ctx, "lab")
+        compare_observed(ctx, "lab")
+        post_rows(ctx, "lab", [(BEGIN, 0, 0)])
+        compare_observed(ctx, "lab")
+        view = state_at(ctx, "lab", StateQuery(NOW, observed=True))
+        assert view.observed is not None
+        assert view.observed.tolist() == [0, 2]

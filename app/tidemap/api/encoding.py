@@ -19,6 +19,7 @@ from tidemap.history.history import UNOBSERVED
 from tidemap.media_types import ARROW, JSON, NPY
 from tidemap.schemas.common import iso
 from tidemap.services.buffer_pool import BufferLease
+from tidemap.services.information import InformationView
 from tidemap.services.predict import PredictionView
 from tidemap.services.series import SeriesView
 from tidemap.services.state import StateFacts, StateView
@@ -139,4 +140,28 @@ def encode_series(view: SeriesView) -> Response:
         "observed": _states(view.observed),
         "revision": view.revision,
     }
+    return Parts(json_columns.write(content), JSON)
+
+
+def encode_information(view: InformationView) -> Response:
+    """What looking is expected to say, per time, and per cell where one time was asked for."""
+    rows = zip(view.time[view.best].tolist(), view.information[view.best].tolist(), strict=True)
+    content = {
+        "time": view.time,
+        "entropy": view.entropy,
+        "information": view.information,
+        "cells": view.n_cells,
+        "best": [{"time": time, "information": value} for time, value in rows],
+        "apart_s": view.apart_s,
+        "as_of": iso(view.as_of),
+        "given": view.given,
+        "revision": view.revision,
+        "unavailable": view.unavailable,
+    }
+    if view.cells is not None:
+        content |= {
+            "cell": view.cells.cell,
+            "cell_entropy": view.cells.entropy,
+            "cell_information": view.cells.information,
+        }
     return Parts(json_columns.write(content), JSON)

@@ -117,6 +117,31 @@ class State:
         return grid.reshape(self.shape)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Information:
+    """What looking is expected to say, in nats: at most ln 2 of a cell, 0 of a certain one.
+
+    time, entropy and information (n_times,) are sums over the `cells` asked for: what is not known, and what a look
+    says of it. cell, cell_entropy and cell_information (n_cells,) are None unless one time was asked for.
+    best_time and best_information (n_best,): the best times first, any two at least `apart_s` apart.
+    """
+
+    time: NDArray[np.float64]
+    entropy: NDArray[np.float64]
+    information: NDArray[np.float64]
+    cells: int
+    cell: NDArray[np.int64] | None
+    cell_entropy: NDArray[np.float64] | None
+    cell_information: NDArray[np.float64] | None
+    best_time: NDArray[np.float64]
+    best_information: NDArray[np.float64]
+    apart_s: float
+    revision: int
+    unavailable: NDArray[np.int64]
+    as_of: float
+    given: Given
+
+
 def prediction(content: bytes) -> Prediction:
     """The answer of `/predict`."""
     said = json.loads(content)
@@ -145,6 +170,28 @@ def series(content: bytes) -> Series:
         _states(said["state"]),
         _states(said["observed"]),
         said["revision"],
+    )
+
+
+def information(content: bytes) -> Information:
+    """The answer of `/information`."""
+    said = json.loads(content)
+    one = "cell" in said
+    return Information(
+        time=np.array(said["time"], np.float64),
+        entropy=np.array(said["entropy"], np.float64),
+        information=np.array(said["information"], np.float64),
+        cells=said["cells"],
+        cell=np.array(said["cell"], np.int64) if one else None,
+        cell_entropy=np.array(said["cell_entropy"], np.float64) if one else None,
+        cell_information=np.array(said["cell_information"], np.float64) if one else None,
+        best_time=np.array([each["time"] for each in said["best"]], np.float64),
+        best_information=np.array([each["information"] for each in said["best"]], np.float64),
+        apart_s=said["apart_s"],
+        revision=said["revision"],
+        unavailable=_ranges(said["unavailable"]),
+        as_of=parse_time(said["as_of"]),
+        given=said["given"],
     )
 
 

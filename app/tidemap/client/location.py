@@ -232,7 +232,7 @@ class LocationOperations(AnomalyOperations):
             confidence=confidence,
             order=order,
             estimator=estimator,
-            bbox=None if bbox is None else ",".join(map(str, bbox)),
+            bbox=_corners(bbox),
             observed=observed or None,
             as_of=as_of,
             given=given,
@@ -255,6 +255,42 @@ class LocationOperations(AnomalyOperations):
         return answers.series(response.content)
 
     @operation
+    def information(
+        self,
+        time: TimeLike | None = None,
+        *,
+        start: TimeLike | None = None,
+        stop: TimeLike | None = None,
+        step: float | None = None,
+        bbox: tuple[float, float, float, float, float, float] | None = None,
+        best: int | None = None,
+        miss: float | None = None,
+        false_alarm: float | None = None,
+        as_of: TimeLike | None = None,
+        given: answers.Given = "observations",
+    ) -> Plan[answers.Information]:
+        """What looking at the location, or at its part in bbox, is expected to say, in nats.
+
+        At a time (now, if none is given) of every cell; or, by any of start, stop, step and best, in a window (the next
+        day) for all cells together, with the `best` times. `miss` and `false_alarm` are how often looks err; `as_of`
+        and `given` are as of `state`.
+        """
+        query = present(
+            time=None if time is None else unix(time),
+            start=start,
+            stop=stop,
+            step=step,
+            bbox=_corners(bbox),
+            best=best,
+            miss=miss,
+            false_alarm=false_alarm,
+            as_of=as_of,
+            given=given,
+        )
+        response = yield Request("GET", f"{self.path}/information", query)
+        return answers.information(response.content)
+
+    @operation
     def model(self, cell: int = 0, order: int | None = None) -> Plan[Model]:
         """Spectrum and outliers of one cell; `order` recomputes them at another order without storing."""
         return ask(Model, Request("GET", f"{self.path}/model", present(cell=cell, order=order)))
@@ -263,7 +299,8 @@ class LocationOperations(AnomalyOperations):
     def evaluate(
         self,
         *,
-        orders: list[int],
+        orders: list[int] | None = None,
+        horizons_s: list[float] | None = None,
         start: TimeLike | None = None,
         stop: TimeLike | None = None,
         estimators: list[EstimatorName] | None = None,
@@ -273,9 +310,14 @@ class LocationOperations(AnomalyOperations):
         train_start: TimeLike | None = None,
         train_stop: TimeLike | None = None,
     ) -> Plan[Evaluation]:
-        """Score estimators and orders against the history in [start, stop), or against measurements given."""
+        """Score estimators and orders against the history in [start, stop), or against measurements given.
+
+        By `horizons_s` how good the answer given a reading that many seconds old is, beside the rhythm and persistence
+        alone; what answers is learned from the past of what is scored.
+        """
         form = present(
-            orders=list(orders),
+            orders=orders,
+            horizons_s=horizons_s,
             start=start,
             stop=stop,
             estimators=estimators,
@@ -301,3 +343,8 @@ class LocationOperations(AnomalyOperations):
         """Anomalies computed over the history in [start, stop); nothing is stored."""
         form = present(start=start, stop=stop, confidence=confidence, rule=rule, order=order, estimator=estimator)
         return (yield from ask(Events, post(f"{self.path}/anomalies/detect", form)))
+
+
+def _corners(bbox: tuple[float, ...] | None) -> str | None:
+    """A box as an address has it."""
+    return None if bbox is None else ",".join(map(str, bbox))

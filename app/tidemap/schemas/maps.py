@@ -82,6 +82,37 @@ class SeriesAnswer(Answer):
     revision: int
 
 
+class BestTime(Answer):
+    """A time at which looking is worth most; `information` in nats, summed over the region."""
+
+    time: float
+    information: float
+
+
+class InformationAnswer(Answer):
+    """What looking is expected to say of the states of a region, in nats: at most ln 2 of a cell, 0 of a certain one.
+
+    `entropy` is what is not known, per time; `information` what a look tells of it: the same, less the noise of looks
+    that err. Both are sums over the `cells` that have been observed. Of a question for one time, `cell`,
+    `cell_entropy` and `cell_information` are those of every cell. `best`: the best times first, any two at least
+    `apart_s` seconds apart.
+    """
+
+    time: list[float]
+    entropy: list[float]
+    information: list[float]
+    cells: int
+    cell: list[int] | None = None
+    cell_entropy: list[float] | None = None
+    cell_information: list[float] | None = None
+    best: list[BestTime]
+    apart_s: float
+    as_of: TimeOut
+    given: Given
+    revision: int
+    unavailable: list[tuple[int, int]] = Field(description=UNAVAILABLE)
+
+
 class Component(Answer):
     """One wave: amplitude·cos(2π·frequency_hz·τ + phase); with `gate` weekend on Saturdays and Sundays only.
 
@@ -163,16 +194,23 @@ class EvaluateForm(Form):
     """Score orders and estimators against the history in [start, stop), or against measurements given.
 
     Each candidate is fitted on the window of the current revision, or on [train_start, train_stop).
+
+    With `horizons_s` the answer given what was read is scored too (or only, without `orders`): every reading in
+    [start, stop), by default the last quarter of the history, is predicted from the latest reading at least so many
+    seconds before it. What predicts it is learned as in an update, daily or, of more than eight days, eight times, each
+    time from what was read since `train_start` and before. At most 16 horizons, each up to 366 days.
     """
 
     model_config = shown(
         {"start": "2026-02-23T00:00:00Z", "stop": "2026-03-02T00:00:00Z", "orders": [0, 1, 2, 3, 5, 10, 15]},
         {"time": [1772442000, "2026-03-02T21:00:00Z"], "state": [1, 0], "orders": [2], "estimators": ["fft"]},
+        {"horizons_s": [60, 300, 900, 3600, 86400], "start": "2026-02-23T00:00:00Z"},
     )
 
     start: TimeIn | None = None
     stop: TimeIn | None = None
-    orders: Many[int] = Field(min_length=1, max_length=65)
+    orders: Many[int] = Field([], max_length=65, description="Required without `horizons_s`.")
+    horizons_s: Many[float] = Field([], max_length=16)
     estimators: Many[EstimatorName] | None = Field(None, min_length=1)
     confidence: Confidence | None = None
     time: Many[TimeIn] | None = None
@@ -207,10 +245,39 @@ class ReliabilityRow(Answer):
     n: int
 
 
+class ModelScores(Answer):
+    """How one kind of answer did at a horizon; null where nothing was scored.
+
+    calibration_error: the mean of |predicted - observed| over the bins of `reliability`, weighted by their counts.
+    """
+
+    error: float | None
+    brier: float | None
+    log_loss: float | None
+    calibration_error: float | None
+    n: int
+    reliability: list[ReliabilityRow]
+
+
+class HorizonRow(Answer):
+    """Scores of the same readings, each predicted from the latest at least `samples` samples before it.
+
+    conditioned: the answer given that reading; rhythm: the model's p(t) alone; persistence: that reading, left at a
+    learned rate, without a rhythm.
+    """
+
+    horizon_s: float
+    samples: int
+    conditioned: ModelScores
+    rhythm: ModelScores
+    persistence: ModelScores
+
+
 class Evaluation(Answer):
-    """All scores, the best, and the reliability table of the best."""
+    """All scores, the best, and the reliability table of the best; none without `orders`. By horizon, where asked."""
 
     results: list[EvaluationRow]
-    best: Best
+    best: Best | None
     reliability: list[ReliabilityRow]
+    horizons: list[HorizonRow]
     revision: int

@@ -10,6 +10,7 @@ from tidemap.errors import CorruptChunkError, InvalidInputError, refuse_reversed
 from tidemap.history.history import UNOBSERVED, History
 from tidemap.services.context import Context
 from tidemap.services.history import read_history, window
+from tidemap.services.horizons import HorizonQuery, HorizonScores, evaluate_horizons
 from tidemap.services.spectra import current_revision, recipe_for
 from tidemap.spectral.estimators import fit_all
 from tidemap.spectral.evaluation import Reliability, Scores, ScoreSums
@@ -32,10 +33,12 @@ Candidate = tuple[str, int]
 class EvaluateQuery:
     """What to score, against the history in [start, stop) or measurements given; None: the revision's own choice.
 
-    Each candidate is fitted on the window of the current revision, or on [train_start, train_stop).
+    Each candidate is fitted on the window of the current revision, or on [train_start, train_stop). Horizons are scored
+    as a `HorizonQuery` says, and without orders nothing else is.
     """
 
-    orders: Sequence[int]
+    orders: Sequence[int] = ()
+    horizons_s: Sequence[float] = ()
     estimators: Sequence[str] | None = None
     start: float | None = None
     stop: float | None = None
@@ -57,12 +60,16 @@ class ScoredCandidate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
-    """All candidates, the one with the least log loss, and how reliable that one is."""
+    """All candidates, the one with the least log loss, and how reliable that one is; None where none were asked for.
+
+    horizons: in the order in which they were asked for.
+    """
 
     candidates: list[ScoredCandidate]
-    best: ScoredCandidate
-    reliability: Reliability
+    best: ScoredCandidate | None
+    reliability: Reliability | None
     revision: int
+    horizons: list[HorizonScores]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,13 +82,37 @@ class _Trial:
 
 
 def evaluate(ctx: Context, name: str, query: EvaluateQuery, check: Callable[[], None] = lambda: None) -> Comparison:
-    """Scores per estimator and order; the spectra are fitted on the revision's window or the one asked for.
+    """Scores per estimator and order; the spectra are fitted on the revision's window or the one asked for. By horizon
+    the answer given what was read.
 
     Chunks that are damaged are left out. `check` is called between blocks; what it raises ends the evaluation.
     Raises LocationNotFoundError, NoModelError, InvalidInputError, CorruptChunkError where there is one chunk only.
     """
     refuse_reversed(query.start, query.stop)
+    _check_asked(query)
     location, revision = current_revision(ctx, name)
+    comparison = Comparison([], None, None, revision.revision, [])
+    if query.orders:
+        comparison = _compared(ctx, location, revision, query, check)
+    if query.horizons_s:
+        walked = HorizonQuery(query.horizons_s, query.start, query.stop, query.train_start)
+        comparison = replace(comparison, horizons=evaluate_horizons(ctx, location, walked, check))
+    return comparison
+
+
+def _check_asked(query: EvaluateQuery) -> None:
+    if not query.orders and (query.estimators or not query.horizons_s):
+        raise InvalidInputError.at("orders", "they are missing; give orders to compare, or horizons_s, or both")
+    if query.horizons_s and (query.time is not None or query.state is not None):
+        raise InvalidInputError.at("horizons_s", "horizons are scored against the history; leave time and state out")
+    if query.horizons_s and query.train_stop is not None:
+        raise InvalidInputError.at("train_stop", "for horizons all before is learned from; leave train_stop out")
+
+
+def _compared(
+    ctx: Context, location: LocationRecord, revision: RevisionRecord, query: EvaluateQuery, check: Callable[[], None]
+) -> Comparison:
+    """Scores of every estimator and order."""
     train = _training(ctx, location, revision, query)
     candidates = _candidates(query)
     tallies = {candidate: ScoreSums(query.confidence) for candidate in candidates}
@@ -183,4 +214,4 @@ def _answer(tallies: dict[Candidate, ScoreSums], revision: int) -> Comparison:
     if not scored:
         raise InvalidInputError.at("start", "no cell observed then was observed in the training window")
     best = min(scored, key=lambda each: each.scores.log_loss)
-    return Comparison(scored, best, tallies[best.estimator, best.order].reliability(), revision)
+    return Comparison(scored, best, tallies[best.estimator, best.order].reliability(), revision, [])

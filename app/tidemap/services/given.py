@@ -39,7 +39,9 @@ class Known:
         location = self.model.location
         sample, persistence = location.base.sample(time), self.model.revision.persistence
         found = self.evidence.condition(probability, sample, location.interval_s, persistence, self.standing)
-        row, column = np.nonzero(self.evidence.sample[:, np.newaxis] == sample)
+        # Later than all that was ever measured is later than every reading.
+        latest = -np.inf if location.last_time is None else location.last_time
+        row, column = np.nonzero((self.evidence.sample[:, np.newaxis] == sample) & (time <= latest))
         if row.size:
             earlier = self._read_at(row) < time[column]
             row, column = row[~earlier], column[~earlier]
@@ -70,7 +72,7 @@ def known_at(ctx: Context, model: Fitted, cells: NDArray[np.int64], moment: floa
     location = model.location
     kept = None
     if location.last_time is None or moment >= location.last_time:
-        kept = _kept(ctx, model, cells)
+        kept = kept_evidence(ctx, model, cells)
     if kept is None:
         kept = _found(ctx, model, cells, moment)
     limit = int(location.base.sample(min(moment, ctx.clock())))
@@ -111,7 +113,7 @@ class _Version:
     deleted: int
 
 
-def _kept(ctx: Context, model: Fitted, cells: NDArray[np.int64]) -> KeptEvidence | None:
+def kept_evidence(ctx: Context, model: Fitted, cells: NDArray[np.int64]) -> KeptEvidence | None:
     """What is kept of the latest readings of these cells; None where it is neither kept nor worth being kept."""
     location = model.location
     whole = known(model.spectrum)

@@ -1,6 +1,6 @@
 """Questions about some cells at many times (Eq. 3)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,16 +100,27 @@ def predict_in_blocks(
     check: Callable[[], None],
     known: Known | None = None,
 ) -> NDArray[np.float32]:
-    """As `predict_times`, (n_cells, n_times), given what is known of the cells, with `check` called before every block
-    of times."""
+    """As `predict_times`, (n_cells, n_times), given what is known of the cells; `check` as of `predicted_blocks`."""
     out = np.empty((len(cells), len(time)), np.float32)
+    for part, p in predicted_blocks(spectrum, time, cells, check, known):
+        out[:, part] = p
+    return out
+
+
+def predicted_blocks(
+    spectrum: Spectrum,
+    time: NDArray[np.float64],
+    cells: NDArray[np.int64],
+    check: Callable[[], None],
+    known: Known | None = None,
+) -> Iterator[tuple[slice, NDArray[np.float32]]]:
+    """Blocks of times, and the probability of the cells in them (n_cells, n_block); `check` is called before each."""
     step = max(1, BLOCK_VALUES // max(1, len(cells)))
     for first in range(0, len(time), step):
         check()
         part = slice(first, first + step)
         p = predict_times(spectrum, time[part], cells)
-        out[:, part] = p if known is None else known.condition(p, time[part])
-    return out
+        yield part, p if known is None else known.condition(p, time[part])
 
 
 def _cells(model: Fitted, cells: list[int] | None) -> NDArray[np.int64]:

@@ -61,7 +61,7 @@ def series(ctx: Context, name: str, query: SeriesQuery = WHOLE, check: Callable[
     start = float(location.base.time(first)) if query.start is None else query.start
     stop = float(location.base.time(last)) if query.stop is None else query.stop
     step = location.interval_s if query.step is None else query.step
-    time = _times(ctx, start, stop, step)
+    time = times_between(ctx, start, stop, step)
     probability = np.full(len(time), np.nan, np.float32)
     revision = 0
     if location.revision:
@@ -77,7 +77,8 @@ def series(ctx: Context, name: str, query: SeriesQuery = WHOLE, check: Callable[
     return SeriesView(cell, time, probability, state_or_unknown(probability, location.confidence), observed, revision)
 
 
-def _times(ctx: Context, start: float, stop: float, step: float) -> NDArray[np.float64]:
+def times_between(ctx: Context, start: float, stop: float, step: float) -> NDArray[np.float64]:
+    """[start, stop) every `step` seconds, (n,). Raises InvalidInputError, also where they are too many."""
     if not step > 0:
         raise InvalidInputError.at("step", "give a positive number of seconds")
     refuse_reversed(start, stop)

@@ -12,7 +12,7 @@ from tidemap.services.buffer_pool import BufferLease
 from tidemap.services.context import Context
 from tidemap.services.given import Given, Known, known_at
 from tidemap.services.keys import Claim
-from tidemap.services.readings import last_seen
+from tidemap.services.observed import observed_at
 from tidemap.services.spectra import Fitted, fitted
 from tidemap.services.state_buffer import StateBuffer
 from tidemap.space.grid import GridGeometry
@@ -144,7 +144,7 @@ def view_of(ctx: Context, asked: Asked) -> StateView:
     known = _known_at(ctx, asked, cell)
     if known is not None and query.given == "observations":
         probability = known.at(probability, query.time)
-    seen = last_seen(ctx, location, int(location.base.sample(query.time)), cell) if query.observed else None
+    seen = observed_at(ctx, model, cell, query.time) if query.observed else None
     facts = asked.facts()
     damaged = {*model.damage, *(() if seen is None else seen.damaged), *(() if known is None else known.damaged)}
     return StateView(
@@ -196,9 +196,14 @@ def _asked_for(ctx: Context, asked: Asked) -> tuple[NDArray[np.int64], NDArray[n
     spectrum, query = asked.model.spectrum, asked.query
     if query.bbox is None:
         return _known(predict(spectrum, query.time, threads=ctx.settings.update_threads))
-    cell = known(spectrum)
-    cell = cell[_box(asked.model.location, query.bbox, cell)]
+    cell = cells_in(asked.model, query.bbox)
     return cell, predict(spectrum, query.time, cell)
+
+
+def cells_in(model: Fitted, bbox: tuple[float, ...] | None) -> NDArray[np.int64]:
+    """The cells that have been observed, of those in a box if there is one, ascending. Raises InvalidInputError."""
+    cell = known(model.spectrum)
+    return cell if bbox is None else cell[_box(model.location, bbox, cell)]
 
 
 def _known(probability: NDArray[np.float32]) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
@@ -218,4 +223,6 @@ def _box(location: LocationRecord, bbox: tuple[float, ...], cell: NDArray[np.int
 
 def _start(location: LocationRecord, sample: NDArray[np.int64]) -> NDArray[np.float64]:
     """The times of samples, NaN for NEVER."""
-    return np.where(sample == NEVER, np.nan, location.base.time(np.where(sample == NEVER, 0, sample)))
+    start = location.base.time(sample)
+    start[sample == NEVER] = np.nan
+    return start

@@ -1,20 +1,21 @@
 """Update: refit spectrum and outliers of a location from its history (the paper's model update)."""
 
-from collections.abc import Callable, Iterator
-from contextlib import suppress
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.errors import CorruptChunkError, InvalidInputError
-from tidemap.history.history import History
 from tidemap.services.compaction import compact, forget
 from tidemap.services.context import Context
-from tidemap.services.history import read_compacted, window
+from tidemap.services.history import window
+from tidemap.services.sampling import sample_cells, sample_chunks
+from tidemap.services.selection import SELECTION_CELLS, select
 from tidemap.services.update_task import ChunkFit, Executor, Plan, UpdateTask, run_task
-from tidemap.spectral.auto.selection import Choice, choose
+from tidemap.spectral.auto.selection import Choice
 from tidemap.spectral.conditioning import Persistence
 from tidemap.spectral.evaluation import accuracy
 from tidemap.spectral.model import fit_part
@@ -23,14 +24,10 @@ from tidemap.spectral.window import PAUSE_S, fft_window
 from tidemap.storage.records import LocationRecord, RevisionRecord
 from tidemap.storage.work import Work
 
-SELECTION_CELLS = 64
-"""Changing cells that decide for all."""
 PERSISTENCE_CELLS = 16
 """Changing cells, or chunks that they are looked for in, that tell how long states last."""
 PAUSE_CHUNKS = 8
 """Chunks whose pauses are those of all."""
-ORDERS = (1, 2, 3, 5, 10, 15)
-"""Orders of `fft` that are tried."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +128,7 @@ def _persistence(ctx: Context, plan: Plan, check: Callable[[], None]) -> Persist
     Their fit leaves out what is followed of the last day: it is no rhythm that a reading could add to.
     """
     location = plan.location
-    sampled = _sample_cells(ctx, location, plan.history, check, PERSISTENCE_CELLS)
+    sampled = sample_cells(ctx, location, plan.history, check, PERSISTENCE_CELLS)
     recipe = replace(plan.recipe, carry_over=0.0)
     check()
     spectrum = fit_part(sampled, recipe, location.base, (plan.start, plan.stop))
@@ -152,31 +149,11 @@ def _asked_samples(location: LocationRecord, history: tuple[int, int], request: 
 def _select(
     ctx: Context, location: LocationRecord, samples: tuple[int, int], request: UpdateRequest, check: Callable[[], None]
 ) -> Choice:
-    """`auto`, within what the request and the location leave open; without a reason where they leave nothing."""
+    """How to fit, within what the request and the location leave open."""
     estimator = request.estimator or location.estimator
     order = request.order if request.order is not None else (location.order or "auto")
-    if estimator == "static":
-        return Choice(estimator, 0, (), "", 0, location.time_zone, calendar=location.calendar)
-    if estimator == "fft" and isinstance(order, int):
-        return Choice(estimator, order, (), "", 0, location.time_zone, calendar=location.calendar)
-    orders = ORDERS if order == "auto" else (int(order),)
-    sampled = _sample_cells(ctx, location, samples, check, SELECTION_CELLS)
-    zone = (location.time_zone, estimator, check, location.calendar)
-    return choose(sampled, location.base, orders, SELECTION_CELLS, *zone)
-
-
-def _sample_cells(
-    ctx: Context, location: LocationRecord, samples: tuple[int, int], check: Callable[[], None], n_cells: int
-) -> History:
-    """The histories of about `n_cells` to four times as many changing cells, spread evenly over some chunks that can
-    be read."""
-    n_chunks = min(location.n_chunks, n_cells)
-    parts = [History.empty(0, samples[0], samples[1] - samples[0])]
-    for history in _sample_chunks(ctx, location, samples, check, n_chunks):
-        changing = history.changing()
-        step = max(1, len(changing) * n_chunks // (4 * n_cells))
-        parts.append(history.cells(changing[::step]))
-    return History.stack(parts)
+    sampled = partial(sample_cells, ctx, location, samples, check, SELECTION_CELLS)
+    return select(location, estimator, order, sampled, check)
 
 
 def _seen(
@@ -185,18 +162,8 @@ def _seen(
     """The samples in which something was seen in some chunks; all where they are too few for a pause."""
     if (samples[1] - samples[0]) * location.interval_s <= PAUSE_S:
         return np.arange(*samples)
-    seen = [history.seen() for history in _sample_chunks(ctx, location, samples, check, PAUSE_CHUNKS)]
+    seen = [history.seen() for history in sample_chunks(ctx, location, samples, check, PAUSE_CHUNKS)]
     return np.unique(np.concatenate([np.zeros(0, np.int64), *seen]))
-
-
-def _sample_chunks(
-    ctx: Context, location: LocationRecord, samples: tuple[int, int], check: Callable[[], None], n_chunks: int
-) -> Iterator[History]:
-    """The histories of `n_chunks` chunks at most, spread evenly, that can be read."""
-    for chunk in np.linspace(0, location.n_chunks - 1, min(location.n_chunks, n_chunks)).astype(int).tolist():
-        check()
-        with suppress(CorruptChunkError):
-            yield read_compacted(ctx, location, chunk, *samples)
 
 
 def _revision(

@@ -48,6 +48,14 @@ class Persistence:
             np.minimum(MAX_KEPT, self.nu * (scale / (scale + np.asarray(delta_s, np.float64))) ** self.alpha)
         )
 
+    def half_life_s(self, age_s: float) -> float:
+        """How long until half of what a reading says of later states is gone, after a state had lasted `age_s`.
+
+        >>> Persistence(nu=0.5, tau_s=60.0, alpha=1.0, kappa=0.0).half_life_s(5.0)
+        60.0
+        """
+        return float((self.tau_s + self.kappa * age_s) * np.expm1(np.log(2) / self.alpha))
+
 
 UNLEARNED: Final = Persistence()
 """What is believed without having learned."""
@@ -61,9 +69,13 @@ class Standing:
     limit: int = 0
 
 
+EVIDENCE_BYTES: Final = 17
+"""Of each cell."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
-    """The latest reading of some cells, (n,) each; 17 bytes a cell.
+    """The latest reading of some cells, (n,) each; `EVIDENCE_BYTES` a cell.
 
     state: uint8, UNOBSERVED where there is none. sample: int64. age: uint32, how many samples it had lasted, its own
     included. q: float32, the model's probability of it when it was read.

@@ -42,6 +42,24 @@ class Pairs:
     weight: NDArray[np.float64]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class CellReadings:
+    """What was read of one cell, (n,) each in order of time: sample, state, and the first sample of its run."""
+
+    sample: NDArray[np.int64]
+    state: NDArray[np.uint8]
+    begin: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, history: History, cell: int) -> "CellReadings":
+        """All readings of a cell of a history."""
+        states = history.cells(np.array([cell])).states()[0]
+        seen = np.flatnonzero(states != UNOBSERVED)
+        state, sample = states[seen], history.start + seen
+        begins = np.diff(state, prepend=UNOBSERVED) != 0
+        return cls(sample, state, sample[np.maximum.accumulate(np.where(begins, np.arange(seen.size), 0))])
+
+
 def learn_persistence(history: History, spectrum: Spectrum, base: TimeBase) -> Persistence:
     """The mode of the log loss of pairs of readings under a normal prior, shared by the cells of a history.
 
@@ -79,13 +97,10 @@ def _of_cell(
     history: History, cell: int, spectrum: Spectrum, base: TimeBase, n_pairs: int
 ) -> tuple[NDArray[Any], ...] | None:
     """The columns of the pairs of one cell; None where it was read once at most."""
-    states = history.cells(np.array([cell])).states()[0]
-    seen = np.flatnonzero(states != UNOBSERVED)
+    readings = CellReadings.of(history, cell)
+    state, seen, begin = readings.state, readings.sample - history.start, readings.begin - history.start
     if seen.size < 2:
         return None
-    state = states[seen]
-    change = np.flatnonzero(np.diff(state, prepend=UNOBSERVED))
-    begin = seen[np.maximum.accumulate(np.where(np.isin(np.arange(seen.size), change), np.arange(seen.size), 0))]
     earlier, wanted, weight = _chosen(state, seen, base.interval_s, n_pairs)
     later = np.searchsorted(seen, seen[earlier] + wanted)
     inside = later < seen.size

@@ -70,7 +70,7 @@ def prepare_door(ctx: Context) -> None:
 def questions() -> Iterator[tuple[str, Question]]:
     """The largest that every route takes, and some that are too large."""
     door, hall, now = f"/locations/{DOOR}", f"/locations/{NAME}", START + WEEKS * 604_800
-    whole = {"start": START, "stop": now}
+    whole, half = {"start": START, "stop": now}, START + WEEKS * 302_400
     million = [now + 61.0 * n for n in range(1_000_000)]
     orders = list(range(21))
     yield "nothing", ("GET", "/locations", {})
@@ -84,9 +84,16 @@ def questions() -> Iterator[tuple[str, Question]]:
     yield "predict, too many", ("POST", f"{door}/predict", {"json": {"time": [*million, now]}})
     yield "predict, 10^6 cells", ("POST", f"{hall}/predict", {"json": {"time": [0.0]}})
     yield "series", ("GET", f"{door}/series?start={START}&stop={START + 999_999}&step=1", {})
+    yield "information", ("GET", f"{hall}/information?start={START}&stop={START + 49 * 300}&step=300", {})
+    yield "information, 10^6 cells", ("GET", f"{hall}/information?time={START}", {})
     yield "model", ("GET", f"{door}/model?order=64", {})
     yield "detect", ("POST", f"{door}/anomalies/detect", {"json": {**whole, "confidence": 0.5, "rule": "paper"}})
     yield "evaluate", ("POST", f"{door}/evaluate", {"json": {**whole, "orders": orders}})
+    horizons = [60.0 * 2**n for n in range(16)]
+    yield (
+        "evaluate by horizon",
+        ("POST", f"{door}/evaluate", {"json": {**whole, "horizons_s": horizons, "start": half}}),
+    )
     yield "anomalies", ("GET", "/anomalies?limit=1000", {})
     yield from posts()
     yield "locations, 16·10^6 cells", ("POST", "/locations", {"json": LARGEST})

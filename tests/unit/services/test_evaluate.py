@@ -41,6 +41,8 @@ def test_the_mean_is_scored_as_by_hand(ctx: Context) -> None:
 def test_the_reliability_of_the_best_is_what_happened(ctx: Context) -> None:
     make_door(ctx)
     answer = ask(ctx, start=MINUTE * 100, stop=MINUTE * 105)
+    assert answer.reliability is not None
+    assert answer.best is not None
     table, filled = answer.reliability, answer.reliability.count > 0
     assert table.count[filled].tolist() == [4]
     assert table.observed_rate[filled].tolist() == [0.75]
@@ -88,6 +90,7 @@ def test_every_order_is_scored_by_its_own_prediction(ctx: Context) -> None:
         assert row.scores.brier == pytest.approx(np.mean((p - s) ** 2), abs=1e-6)
         assert row.scores.log_loss == pytest.approx(-np.mean(s * np.log(q) + (1 - s) * np.log(1 - q)), abs=1e-6)
     best = min(answer.candidates, key=lambda row: row.scores.log_loss)
+    assert answer.best is not None
     assert (answer.best.estimator, answer.best.order) == (best.estimator, best.order)
     zero, mean = answer.candidates[0], answer.candidates[-1]
     assert zero.scores == mean.scores

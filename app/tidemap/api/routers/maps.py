@@ -14,6 +14,7 @@ from tidemap.api.dependencies import Asker, Ctx, Operator, TimeQuery, query_time
 from tidemap.api.encoding import (
     encode_buffer,
     encode_grid,
+    encode_information,
     encode_prediction,
     encode_series,
     encode_state,
@@ -29,6 +30,7 @@ from tidemap.schemas import maps
 from tidemap.schemas.locations import Confidence, EstimatorName
 from tidemap.services.context import Context
 from tidemap.services.evaluate import EvaluateQuery, evaluate
+from tidemap.services.information import MAX_BEST, InformationQuery, information_at
 from tidemap.services.model import model_of
 from tidemap.services.predict import PredictQuery, predict_at
 from tidemap.services.series import SeriesQuery, series
@@ -36,6 +38,10 @@ from tidemap.services.state import Asked, StateFacts, StateQuery, ask, buffer_of
 
 router = APIRouter(prefix="/locations/{name}", tags=["maps"], route_class=FormRoute)
 Order = Annotated[int | None, Query(ge=0, le=64, description="Default: the revision's.")]
+Box = Annotated[str | None, Query(description="x0,y0,z0,x1,y1,z1 in metres.")]
+AsOf = Annotated[str | None, Query(description="Use the readings at or before this moment; by default now.")]
+GivenQuery = Annotated[maps.Given, Query(description="model: the rhythm alone, whatever was read last.")]
+Share = Annotated[float, Query(ge=0, le=1)]
 Cell = Annotated[int, Query(description="Linear index in C order of the shape.")]
 
 
@@ -54,14 +60,10 @@ async def state(
     confidence: Annotated[Confidence | None, Query()] = None,
     order: Order = None,
     estimator: EstimatorName | None = None,
-    bbox: Annotated[str | None, Query(description="x0,y0,z0,x1,y1,z1 in metres.")] = None,
+    bbox: Box = None,
     observed: Annotated[bool, Query(description="Add what was last seen at that time.")] = False,
-    as_of: Annotated[
-        str | None, Query(description="Use the readings at or before this moment; by default now.")
-    ] = None,
-    given: Annotated[
-        maps.Given, Query(description="model: the rhythm alone, whatever was read last.")
-    ] = "observations",
+    as_of: AsOf = None,
+    given: GivenQuery = "observations",
     last_seen: Annotated[bool, Query(description="Add when each cell was read last, at or before `as_of`.")] = False,
 ) -> Response:
     """The state at a time, past or future, with a confidence, given what was read last; by default now."""
@@ -137,6 +139,42 @@ async def series_of(
     """One cell over [start, stop): what was predicted and what was observed."""
     query = SeriesQuery(cell, query_time("start", start), query_time("stop", stop), step)
     return await answered(request, lambda check: encode_series(series(ctx, name, query, check)))
+
+
+@router.get("/information", responses=_answers(maps.InformationAnswer), response_class=Response)
+async def information(
+    name: str,
+    request: Request,
+    ctx: Ctx,
+    _: Operator,
+    time: TimeQuery = None,
+    start: TimeQuery = None,
+    stop: TimeQuery = None,
+    step: Annotated[float | None, Query(gt=0, description="Seconds; default: 288 times at most.")] = None,
+    bbox: Box = None,
+    best: Annotated[int, Query(ge=0, le=MAX_BEST, description="How many of the best times of the window.")] = 0,
+    miss: Annotated[Share, Query(description="How often a look says free of an occupied cell.")] = 0.0,
+    false_alarm: Annotated[Share, Query(description="How often a look says occupied of a free cell.")] = 0.0,
+    as_of: AsOf = None,
+    given: GivenQuery = "observations",
+) -> Response:
+    """What looking at a region is expected to say, at a time (by default now) or over [start, stop), and when to look.
+
+    Any of start, stop, step and best asks for a window; by default it is the next day.
+    """
+    query = InformationQuery(
+        time=query_time("time", time),
+        start=query_time("start", start),
+        stop=query_time("stop", stop),
+        step=step,
+        bbox=_box(bbox),
+        best=best,
+        miss=miss,
+        false_alarm=false_alarm,
+        as_of=query_time("as_of", as_of),
+        given=given,
+    )
+    return await answered(request, lambda check: encode_information(information_at(ctx, name, query, check)))
 
 
 @router.get("/model")

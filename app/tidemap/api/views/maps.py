@@ -10,11 +10,14 @@ from tidemap.schemas.maps import (
     Compression,
     Evaluation,
     EvaluationRow,
+    HorizonRow,
     Model,
+    ModelScores,
     ReliabilityRow,
     Selection,
 )
 from tidemap.services.evaluate import Comparison, ScoredCandidate
+from tidemap.services.horizons import HorizonScores, ScoredAnswers
 from tidemap.services.model import CellModel
 from tidemap.spectral.evaluation import Reliability
 from tidemap.spectral.spectrum import WEEKEND, Spectrum, components
@@ -59,13 +62,31 @@ def _components(spectrum: Spectrum) -> list[Component]:
 
 
 def evaluation_view(found: Comparison) -> Evaluation:
-    """All scores, the best, and the reliability table of the best."""
+    """All scores, the best, the reliability table of the best, and the scores by horizon."""
+    best = found.best
     return Evaluation(
         results=[_row(each) for each in found.candidates],
-        best=Best(estimator=found.best.estimator, order=found.best.order),
-        reliability=_reliability(found.reliability),
+        best=None if best is None else Best(estimator=best.estimator, order=best.order),
+        reliability=[] if found.reliability is None else _reliability(found.reliability),
+        horizons=[_horizon(each) for each in found.horizons],
         revision=found.revision,
     )
+
+
+def _horizon(each: HorizonScores) -> HorizonRow:
+    return HorizonRow(
+        horizon_s=each.horizon_s,
+        samples=each.samples,
+        conditioned=_scores(each.conditioned),
+        rhythm=_scores(each.rhythm),
+        persistence=_scores(each.persistence),
+    )
+
+
+def _scores(found: ScoredAnswers) -> ModelScores:
+    figures = {**asdict(found.scores), "calibration_error": found.calibration_error}
+    known = {name: None if np.isnan(value) else value for name, value in figures.items()}
+    return ModelScores(**known, reliability=_reliability(found.reliability))
 
 
 def _row(each: ScoredCandidate) -> EvaluationRow:
