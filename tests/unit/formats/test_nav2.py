@@ -15,8 +15,9 @@ from PIL import Image
 
 from tests.unit.spectral.real import needed
 from tidemap.errors import UnreadableBodyError
-from tidemap.formats.nav2 import FREE, OCCUPIED, FloorPlan, read, read_pair, write
+from tidemap.formats.nav2 import FloorPlan, read, read_pair, write
 from tidemap.formats.npy import UNSEEN
+from tidemap.history.history import FREE, OCCUPIED
 from tidemap.space.grid import GridGeometry
 
 METRES = st.floats(-1e6, 1e6)
@@ -187,6 +188,7 @@ def test_what_refers_to_itself_again_and_again_takes_no_memory() -> None:
         (b"", "P5"),
         (b"P2\n1 1\n255\n0\n", "P5"),
         (b"\x89PNG\r\n", "P5"),
+        (b"\x89PNG\r\n\x1a\n", "PNG is damaged"),
         (b"P5\n", "width"),
         (b"P5\n0 1\n255\n", "width"),
         (b"P5\n1 99999\n255\n", "height"),
