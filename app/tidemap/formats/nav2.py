@@ -25,6 +25,10 @@ SHADES = {FREE: 254, OCCUPIED: 0, UNSEEN: 205}
 OCCUPIED_THRESH, FREE_THRESH = 0.65, 0.196
 """A share of black above the first is occupied, one below the second is free. That of shade 205 is .19608: with a
 free_thresh of .25, as Nav2 writes by default, what is unknown would be read as free."""
+OCCUPIED_FROM, FREE_TO = 65, 25
+"""Percent, as map_saver has it."""
+MIN_SPAN = 1e-9
+"""Between both thresholds."""
 MAX_YAML_BYTES = 65_536
 MAX_IMAGE_BYTES = 128 * 2**20
 IMAGE, GRADED_IMAGE, YAML = "map.pgm", "map.png", "map.yaml"
@@ -192,10 +196,26 @@ def _states(described: Mapping[str, Any], picture: MapPicture) -> NDArray[np.uin
         raise unreadable(f"its free_thresh {free} and occupied_thresh {occupied} do not follow between 0 and 1")
     shade = np.arange(picture.white + 1)
     black = (shade if negate else picture.white - shade) / picture.white
-    state = np.full(picture.white + 1, UNSEEN, np.uint8)
-    state[black < free] = FREE
-    state[black > occupied] = OCCUPIED
+    if described.get("mode") == "scale":
+        state = states_of_percentages(np.rint(100 * _share(black, free, occupied)))
+    else:
+        state = np.full(picture.white + 1, UNSEEN, np.uint8)
+        state[black < free] = FREE
+        state[black > occupied] = OCCUPIED
     found = state[picture.value]
     if picture.opaque is not None and described.get("mode") == "scale":
         found[~picture.opaque] = UNSEEN
     return np.ascontiguousarray(found[::-1].T)
+
+
+def _share(black: NDArray[np.float64], free: float, occupied: float) -> NDArray[np.float64]:
+    """How far shares of black are from `free` to `occupied`, 0 to 1."""
+    return np.asarray(np.clip((black - free) / max(occupied - free, MIN_SPAN), 0, 1))
+
+
+def states_of_percentages(percentage: NDArray[Any]) -> NDArray[np.uint8]:
+    """FREE, OCCUPIED or UNSEEN for percentages of being occupied, -1 where nothing is known."""
+    state = np.full(percentage.shape, UNSEEN, np.uint8)
+    state[(percentage >= 0) & (percentage <= FREE_TO)] = FREE
+    state[percentage >= OCCUPIED_FROM] = OCCUPIED
+    return state

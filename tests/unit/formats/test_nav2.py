@@ -122,7 +122,9 @@ def states(shades: list[int], white: int = 255, **changes: object) -> list[int]:
 def test_shades_become_states_as_in_map_server() -> None:
     """With 255 as white a share of black above .65 is one of at most 89, one below .25 is one of at least 192."""
     assert states([0, 89, 90, 191, 192, 255]) == [1, 1, UNSEEN, UNSEEN, 0, 0]
-    assert states([0, 89, 90, 191, 192, 255], mode="scale") == [1, 1, UNSEEN, UNSEEN, 0, 0]
+    # Between the thresholds of .65 and .25 these are 100, 65, 64, 25, 26 and 0 percent.
+    assert states([0, 125, 126, 166, 165, 255], mode="scale") == [1, 1, UNSEEN, 0, UNSEEN, 0]
+    assert states([255, 0], mode="scale", free_thresh=0.5, occupied_thresh=0.5) == [0, 1]
     assert states([255, 166, 165, 64, 63, 0], negate=1) == [1, 1, UNSEEN, UNSEEN, 0, 0]
     assert states([255, 0], negate=True) == [1, 0]
     assert states([205, 205], free_thresh=0.196) == [UNSEEN, UNSEEN]
