@@ -1,7 +1,7 @@
 """ROS messages as arrays: whatever has the fields of sensor_msgs/LaserScan, PointCloud2 and nav_msgs/OccupancyGrid."""
 
 from dataclasses import dataclass
-from math import inf
+from math import inf, isfinite
 from typing import Any
 
 import numpy as np
@@ -38,9 +38,10 @@ def laser_points(message: Any, max_range_m: float = inf) -> SensorPoints:
     low, high = float(message.range_min), min(float(message.range_max), max_range_m)
     if not high > 0:
         raise ValueError(f"its range_max is {message.range_max}; say the highest range of the laser")
-    angle = np.asarray(message.angle_min + np.arange(len(ranges)) * float(message.angle_increment), np.float64)
-    if not np.isfinite(angle).all():
+    first, step = float(message.angle_min), float(message.angle_increment)
+    if not (isfinite(first) and isfinite(step)):
         raise ValueError("its angles are NaN or infinite")
+    angle = first + step * np.arange(len(ranges), dtype=np.float64)
     return SensorPoints(points_of_ranges(ranges, angle, RangeLimits(low, high)), high, flat=True)
 
 
