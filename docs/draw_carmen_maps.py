@@ -1,6 +1,6 @@
 """Makes docs/images/carmen.png of both CARMEN logs in ../shared/data: `python -m docs.draw_carmen_maps`.
 
-Each cell is as dark as the share of its looks that saw it occupied; what was never seen is grey-blue.
+Each cell is as dark as the share of its snapshots that saw it occupied; what was never seen is grey-blue.
 """
 
 import sys
@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tests.support.paths import ROOT
-from tidemap.importing.looks import look_of
 from tidemap.importing.options import ImportOptions
 from tidemap.importing.records import Missing
-from tidemap.importing.run import look_through
+from tidemap.importing.run import survey_files
+from tidemap.importing.snapshots import snapshot_of
 from tidemap.progress import Silent
 from tidemap.space.grid import GridGeometry
 
@@ -43,7 +43,7 @@ def main() -> int:
 def _drawn(path: Path) -> NDArray[np.uint8]:
     """A map (height, width, 3), the highest y on top."""
     options = ImportOptions(resolution_m=RESOLUTION_M, max_range_m=MAX_RANGE_M)
-    report = look_through([path], options, Silent())
+    report = survey_files([path], options, Silent())
     if report.proposal is None:
         raise ValueError(f"{path}: {report.problems}")
     form = report.proposal["grid"]
@@ -52,9 +52,9 @@ def _drawn(path: Path) -> NDArray[np.uint8]:
     for source in report.sources:
         for record in source.records():
             if not isinstance(record, Missing):
-                look = look_of(record, grid, 1)
-                seen[look.cell] += 1
-                occupied[look.cell] += look.state
+                snapshot = snapshot_of(record, grid, 1)
+                seen[snapshot.cell] += 1
+                occupied[snapshot.cell] += snapshot.state
     return _shades(occupied, seen).reshape(*grid.shape, 3).transpose(1, 0, 2)[::-1]
 
 

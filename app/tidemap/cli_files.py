@@ -116,13 +116,13 @@ def _failed(message: str) -> int:
 
 
 def _import(arguments: argparse.Namespace) -> int:
-    from tidemap.importing.run import look_through
+    from tidemap.importing.run import survey_files
     from tidemap.progress import ShownProgress
 
     if arguments.location is None and not arguments.dry_run:
         _failed("say --location NAME, or --dry-run to see what is in the files.")
         return WRONG_USAGE
-    report = look_through(arguments.files, _options(arguments), ShownProgress(sys.stderr))
+    report = survey_files(arguments.files, _options(arguments), ShownProgress(sys.stderr))
     if arguments.dry_run:
         _show(report, arguments)
         return FAILED if report.problems else DONE
@@ -205,7 +205,7 @@ def _save(file: "MapFile", arguments: argparse.Namespace) -> int:
         return _failed(f"{path} is there already; choose another name, or say --overwrite.")
     path.write_bytes(file.content)
     if file.unavailable:
-        print(f"tidemap: cells {file.unavailable} are damaged at the server and look unknown.", file=sys.stderr)
+        print(f"tidemap: cells {file.unavailable} are damaged at the server and snapshot unknown.", file=sys.stderr)
     if arguments.json:
         print(json.dumps({"file": str(path), "bytes": len(file.content), "time": file.time, "revision": file.revision}))
     else:

@@ -144,8 +144,8 @@ def _children(word: NDArray[np.uint16]) -> NDArray[np.uint8]:
     return sum((((word >> 2 * i) & 3 != 0).astype(np.uint8) << i for i in range(8)), np.zeros(len(word), np.uint8))
 
 
-_SPREADS = ((32, 0x1F00000000FFFF), (16, 0x1F0000FF0000FF), (8, 0x100F00F00F00F00F), (4, 0x10C30C30C30C30C3))
-_STEPS = (*_SPREADS, (2, 0x1249249249249249))
+_SHIFTS = ((32, 0x1F00000000FFFF), (16, 0x1F0000FF0000FF), (8, 0x100F00F00F00F00F), (4, 0x10C30C30C30C30C3))
+_STEPS = (*_SHIFTS, (2, 0x1249249249249249))
 """How bits are moved apart by two, and what is kept of each move."""
 
 
@@ -158,7 +158,7 @@ def _part(key: NDArray[np.int64]) -> NDArray[np.int64]:
 
 def _gather(code: NDArray[np.int64]) -> NDArray[np.int64]:
     """Every third bit, from the lowest on: the other way round."""
-    masks = (*(mask for _, mask in reversed(_SPREADS)), 0xFFFF)
+    masks = (*(mask for _, mask in reversed(_SHIFTS)), 0xFFFF)
     code = code & _STEPS[-1][1]
     for (shift, _), mask in zip(reversed(_STEPS), masks, strict=True):
         code = (code | code >> shift) & mask

@@ -86,8 +86,8 @@ def occupancy_states(message: Any) -> tuple[GridGeometry, NDArray[np.uint8]]:
         raise ValueError(f"it has {len(data)} cells, but declares {width} x {height}")
     if not 0 < resolution < inf:
         raise ValueError(f"its resolution is {resolution}")
-    turn = info.origin.orientation
-    if max(abs(turn.x), abs(turn.y), abs(turn.z)) > MAX_YAW:
+    rotation = info.origin.orientation
+    if max(abs(rotation.x), abs(rotation.y), abs(rotation.z)) > MAX_YAW:
         raise ValueError("its origin is turned, but cells lie along the axes. Publish the map with a yaw of 0")
     state = states_of_percentages(data)
     at = info.origin.position

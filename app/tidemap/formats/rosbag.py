@@ -88,8 +88,8 @@ def _add(tree: TransformTree, message: BagMessage, robot_frame: str) -> None:
     if message.topic.type in TRANSFORMS:
         for each in message.content.transforms:
             time = None if message.topic.name.endswith(STATIC) else stamp(each.header)
-            move, turn = each.transform.translation, each.transform.rotation
-            tree.add(each.header.frame_id, each.child_frame_id, time, *_numbers(move, turn))
+            move, rotation = each.transform.translation, each.transform.rotation
+            tree.add(each.header.frame_id, each.child_frame_id, time, *_numbers(move, rotation))
         return
     header, pose = message.content.header, message.content.pose
     child = message.content.child_frame_id if message.topic.type == ODOMETRY else ""
@@ -97,8 +97,8 @@ def _add(tree: TransformTree, message: BagMessage, robot_frame: str) -> None:
     tree.add(header.frame_id, child or robot_frame, stamp(header), *_numbers(pose.position, pose.orientation))
 
 
-def _numbers(move: Any, turn: Any) -> tuple[list[float], list[float]]:
-    return [move.x, move.y, move.z], [turn.x, turn.y, turn.z, turn.w]
+def _numbers(move: Any, rotation: Any) -> tuple[list[float], list[float]]:
+    return [move.x, move.y, move.z], [rotation.x, rotation.y, rotation.z, rotation.w]
 
 
 def unreadable(why: str) -> UnreadableBodyError:

@@ -1,4 +1,4 @@
-"""Posting: looks in large posts, whose keys say from which file and where in it they are."""
+"""Posting: snapshots in large posts, whose keys say from which file and where in it they are."""
 
 import hashlib
 from collections.abc import Iterable, Iterator
@@ -8,7 +8,7 @@ import numpy as np
 
 from tidemap.client import LocationHandle
 from tidemap.client.encoding import MEASUREMENTS_PER_POST
-from tidemap.importing.looks import LookColumns
+from tidemap.importing.snapshots import SnapshotColumns
 
 
 @dataclass(slots=True)
@@ -24,24 +24,24 @@ class Tally:
     dropped: int = 0
 
 
-def post_looks(location: LocationHandle, digest: str, looks: Iterable[LookColumns], tally: Tally) -> None:
-    """Post looks of a file with this digest. Raises TidemapError; what was posted before stays, and is known again."""
-    for number, look in enumerate(_batches(looks)):
-        key = f"import-{digest[:24]}-{number}-{_digest(look)[:24]}"
-        accepted = location.observe(look.time, look.state, look.cell, idempotency_key=key)
+def post_snapshots(location: LocationHandle, digest: str, snapshots: Iterable[SnapshotColumns], tally: Tally) -> None:
+    """Post snapshots of a file with this digest. Raises TidemapError; what was posted before that stays."""
+    for number, snapshot in enumerate(_batches(snapshots)):
+        key = f"import-{digest[:24]}-{number}-{_digest(snapshot)[:24]}"
+        accepted = location.observe(snapshot.time, snapshot.state, snapshot.cell, idempotency_key=key)
         tally.posts += 1
         tally.dropped += accepted.dropped
         if accepted.duplicate:
-            tally.known += len(look)
+            tally.known += len(snapshot)
         else:
             tally.stored += accepted.accepted
 
 
-def _batches(looks: Iterable[LookColumns]) -> Iterator[LookColumns]:
-    """Consecutive looks together, and long ones in parts, of at most MEASUREMENTS_PER_POST each."""
-    held: list[LookColumns] = []
-    for look in looks:
-        for part in _parts(look):
+def _batches(snapshots: Iterable[SnapshotColumns]) -> Iterator[SnapshotColumns]:
+    """Consecutive snapshots together, and long ones in parts, of at most MEASUREMENTS_PER_POST each."""
+    held: list[SnapshotColumns] = []
+    for snapshot in snapshots:
+        for part in _parts(snapshot):
             if held and sum(map(len, held)) + len(part) > MEASUREMENTS_PER_POST:
                 yield _joined(held)
                 held = []
@@ -50,23 +50,25 @@ def _batches(looks: Iterable[LookColumns]) -> Iterator[LookColumns]:
         yield _joined(held)
 
 
-def _parts(look: LookColumns) -> Iterator[LookColumns]:
-    for first in range(0, len(look), MEASUREMENTS_PER_POST):
+def _parts(snapshot: SnapshotColumns) -> Iterator[SnapshotColumns]:
+    for first in range(0, len(snapshot), MEASUREMENTS_PER_POST):
         rows = slice(first, first + MEASUREMENTS_PER_POST)
-        yield LookColumns(look.time[rows], look.state[rows], None if look.cell is None else look.cell[rows])
+        yield SnapshotColumns(
+            snapshot.time[rows], snapshot.state[rows], None if snapshot.cell is None else snapshot.cell[rows]
+        )
 
 
-def _joined(looks: list[LookColumns]) -> LookColumns:
-    cells = [each.cell for each in looks if each.cell is not None]
-    return LookColumns(
-        np.concatenate([each.time for each in looks]),
-        np.concatenate([each.state for each in looks]),
+def _joined(snapshots: list[SnapshotColumns]) -> SnapshotColumns:
+    cells = [each.cell for each in snapshots if each.cell is not None]
+    return SnapshotColumns(
+        np.concatenate([each.time for each in snapshots]),
+        np.concatenate([each.state for each in snapshots]),
         np.concatenate(cells) if cells else None,
     )
 
 
-def _digest(look: LookColumns) -> str:
-    digest = hashlib.sha256(look.time.tobytes() + look.state.tobytes())
-    if look.cell is not None:
-        digest.update(look.cell.tobytes())
+def _digest(snapshot: SnapshotColumns) -> str:
+    digest = hashlib.sha256(snapshot.time.tobytes() + snapshot.state.tobytes())
+    if snapshot.cell is not None:
+        digest.update(snapshot.cell.tobytes())
     return digest.hexdigest()

@@ -1,4 +1,4 @@
-"""Import from end to end: look at everything, find or make the location, post."""
+"""Import from end to end: read everything, find or make the location, post."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -10,12 +10,12 @@ from typing import Any
 from tidemap.client import Client, LocationHandle, TidemapError
 from tidemap.errors import UnusableFileError
 from tidemap.importing.files import digest_of, naming
-from tidemap.importing.looks import LookColumns, look_of
 from tidemap.importing.opening import open_files
 from tidemap.importing.options import ImportOptions
-from tidemap.importing.posting import Tally, post_looks
+from tidemap.importing.posting import Tally, post_snapshots
 from tidemap.importing.proposal import propose
 from tidemap.importing.records import ImportSource, Missing
+from tidemap.importing.snapshots import SnapshotColumns, snapshot_of
 from tidemap.importing.survey import Findings, survey
 from tidemap.progress import Progress, Step
 from tidemap.schemas.locations import Location
@@ -35,7 +35,7 @@ class Report:
     problems: Sequence[str]
 
 
-def look_through(paths: Sequence[Path], options: ImportOptions, progress: Progress) -> Report:
+def survey_files(paths: Sequence[Path], options: ImportOptions, progress: Progress) -> Report:
     """Read all files; nothing is posted. Raises UnusableFileError."""
     sources = open_files(paths, options)
     with progress.task("Reading", 0) as step:
@@ -79,7 +79,7 @@ def import_files(
     tally = Tally()
     with progress.task("Posting", sum(each.records for each in report.found)) as step:
         for source in report.sources:
-            post_looks(handle, digest_of(source.path), _looks(source, _geometry(known), options, step), tally)
+            post_snapshots(handle, digest_of(source.path), _snapshots(source, _geometry(known), options, step), tally)
     return tally
 
 
@@ -119,12 +119,14 @@ def _geometry(location: Location) -> GridGeometry:
     return SINGLE if grid is None else GridGeometry(grid.frame, grid.origin, grid.resolution_m, tuple(grid.shape))
 
 
-def _looks(source: ImportSource, grid: GridGeometry, options: ImportOptions, step: Step) -> Iterator[LookColumns]:
+def _snapshots(
+    source: ImportSource, grid: GridGeometry, options: ImportOptions, step: Step
+) -> Iterator[SnapshotColumns]:
     with naming(source.path):
         for record in source.records():
             if isinstance(record, Missing):
                 continue
-            look = look_of(record, grid, options.min_hits)
+            snapshot = snapshot_of(record, grid, options.min_hits)
             step(1)
-            if len(look):
-                yield look
+            if len(snapshot):
+                yield snapshot

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from tidemap.errors import InvalidInputError
 from tidemap.formats.map_files import FORMATS, MapContent, MapFormat
+from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.history import OCCUPIED, UNOBSERVED
 from tidemap.services.context import Context
 from tidemap.services.given import Given
@@ -16,7 +17,7 @@ from tidemap.services.locations import find_location
 from tidemap.services.readings import last_seen
 from tidemap.services.state import StateQuery, state_at
 from tidemap.space.map_cells import MapCells
-from tidemap.storage.records import CHUNK_CELLS, LocationRecord
+from tidemap.storage.records import LocationRecord
 
 Check = Callable[[], None]
 BLOCK = 16 * CHUNK_CELLS

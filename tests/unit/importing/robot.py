@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.support.bags import START, BagWriter, bag, turned
-from tidemap.importing.looks import LookColumns, look_of
 from tidemap.importing.opening import open_files
 from tidemap.importing.options import ImportOptions
 from tidemap.importing.records import Missing
+from tidemap.importing.snapshots import SnapshotColumns, snapshot_of
 from tidemap.space.grid import SINGLE, GridGeometry
 from tidemap.space.rays import SeenCells, cast_rays
 
@@ -89,10 +89,10 @@ def written(folder: Path, kind: str, **how: Any) -> Path:
     return path
 
 
-def looks(path: Path, grid: GridGeometry | None = None, **options: Any) -> Iterator[LookColumns]:
+def snapshots(path: Path, grid: GridGeometry | None = None, **options: Any) -> Iterator[SnapshotColumns]:
     """What of a file would be posted to a location with this grid."""
     chosen = ImportOptions(**options)
     for source in open_files([path], chosen):
         for record in source.records():
             assert not isinstance(record, Missing), record
-            yield look_of(record, grid or SINGLE, chosen.min_hits)
+            yield snapshot_of(record, grid or SINGLE, chosen.min_hits)

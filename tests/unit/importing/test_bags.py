@@ -23,16 +23,16 @@ from tests.unit.importing.robot import (
     ROOM,
     SCANS,
     STEP,
-    looks,
     ranges,
     robot_at,
     seen_by_cloud,
     seen_by_laser,
+    snapshots,
     written,
 )
 from tidemap.errors import UnusableFileError
 from tidemap.importing.options import ImportOptions
-from tidemap.importing.run import Report, look_through
+from tidemap.importing.run import Report, survey_files
 from tidemap.progress import Silent
 
 
@@ -42,38 +42,38 @@ def recorded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 
 
 def report(path: Path, **options: Any) -> Report:
-    return look_through([path], ImportOptions(**options), Silent())
+    return survey_files([path], ImportOptions(**options), Silent())
 
 
 @pytest.mark.parametrize("grid", [FLAT, ROOM], ids=["flat", "room"])
 def test_a_laser_gives_the_cells_of_its_arrays(recorded: Path, grid: Any) -> None:
-    found = list(looks(recorded, grid, topics=(LASER,)))
-    assert [look.time[0] for look in found] == list(SCANS)
-    for number, look in enumerate(found):
+    found = list(snapshots(recorded, grid, topics=(LASER,)))
+    assert [snapshot.time[0] for snapshot in found] == list(SCANS)
+    for number, snapshot in enumerate(found):
         truth = seen_by_laser(grid, number)
-        assert look.cell is not None
-        assert (look.cell.tolist(), look.state.tolist()) == (truth.cell.tolist(), truth.state.tolist())
-        assert {0, 1} <= set(look.state.tolist())
+        assert snapshot.cell is not None
+        assert (snapshot.cell.tolist(), snapshot.state.tolist()) == (truth.cell.tolist(), truth.state.tolist())
+        assert {0, 1} <= set(snapshot.state.tolist())
 
 
 def test_a_cloud_gives_the_cells_of_its_arrays(recorded: Path) -> None:
-    for number, look in enumerate(looks(recorded, ROOM, topics=(CLOUD,))):
+    for number, snapshot in enumerate(snapshots(recorded, ROOM, topics=(CLOUD,))):
         truth = seen_by_cloud(ROOM, number)
-        assert look.cell is not None
-        assert (look.cell.tolist(), look.state.tolist()) == (truth.cell.tolist(), truth.state.tolist())
+        assert snapshot.cell is not None
+        assert (snapshot.cell.tolist(), snapshot.state.tolist()) == (truth.cell.tolist(), truth.state.tolist())
 
 
 def test_rays_are_cut_off_at_the_range_that_is_asked_for(recorded: Path) -> None:
-    look = next(looks(recorded, FLAT, topics=(LASER,), max_range_m=2.0))
+    snapshot = next(snapshots(recorded, FLAT, topics=(LASER,), max_range_m=2.0))
     truth = seen_by_laser(FLAT, 0, 2.0)
-    assert look.cell is not None
-    assert (look.cell.tolist(), look.state.tolist()) == (truth.cell.tolist(), truth.state.tolist())
+    assert snapshot.cell is not None
+    assert (snapshot.cell.tolist(), snapshot.state.tolist()) == (truth.cell.tolist(), truth.state.tolist())
 
 
 def test_a_door_gives_its_states(recorded: Path) -> None:
     for topic in (BOOL, TEXT):
-        found = list(looks(recorded, topics=(topic,), occupied=frozenset({"ajar"})))
-        assert [(look.time.tolist(), look.state.tolist()) for look in found] == [
+        found = list(snapshots(recorded, topics=(topic,), occupied=frozenset({"ajar"})))
+        assert [(snapshot.time.tolist(), snapshot.state.tolist()) for snapshot in found] == [
             ([time], [int(is_open)]) for time, is_open in OPEN.items()
         ]
     with pytest.raises(UnusableFileError, match="'ajar' is neither occupied nor free; name what is occupied with"):
@@ -81,10 +81,10 @@ def test_a_door_gives_its_states(recorded: Path) -> None:
 
 
 def test_an_occupancy_grid_is_not_transposed(recorded: Path) -> None:
-    (look,) = looks(recorded, FLAT, topics=(MAP,))
-    assert look.cell is not None
-    x, y = FLAT.index(look.cell)[:, 0] - 28, FLAT.index(look.cell)[:, 1] - 28
-    found = dict(zip(zip(x.tolist(), y.tolist(), strict=True), look.state.tolist(), strict=True))
+    (snapshot,) = snapshots(recorded, FLAT, topics=(MAP,))
+    assert snapshot.cell is not None
+    x, y = FLAT.index(snapshot.cell)[:, 0] - 28, FLAT.index(snapshot.cell)[:, 1] - 28
+    found = dict(zip(zip(x.tolist(), y.tolist(), strict=True), snapshot.state.tolist(), strict=True))
     known = {(x, y): value for (y, x), value in np.ndenumerate(GRID_DATA) if value in (0, 25, 65, 100)}
     assert found == {where: int(value >= 65) for where, value in known.items()}
 
@@ -96,9 +96,9 @@ def test_poses_can_come_from_odometry(recorded: Path, tmp_path: Path) -> None:
         for second in range(5):
             writer.odometry(START + second, "odom", "base_link", robot_at(START + second), turned(-0.5))
         writer.laser(SCANS[0], "sensor", ranges(0), FIRST, STEP)
-    look = next(looks(path, FLAT, fixed_frame="odom", pose_topics=(ODOMETRY,), topics=(LASER,)))
-    assert look.cell is not None
-    assert look.cell.tolist() == seen_by_laser(FLAT, 0).cell.tolist()
+    snapshot = next(snapshots(path, FLAT, fixed_frame="odom", pose_topics=(ODOMETRY,), topics=(LASER,)))
+    assert snapshot.cell is not None
+    assert snapshot.cell.tolist() == seen_by_laser(FLAT, 0).cell.tolist()
 
 
 def test_the_survey_says_what_is_there_and_proposes_a_location(recorded: Path) -> None:

@@ -14,14 +14,14 @@ from hypothesis import strategies as st
 
 from tests.support.slow_rays import rounded_path
 from tests.unit.formats.clouds import pcd, rows
-from tests.unit.importing.robot import looks
+from tests.unit.importing.robot import snapshots
 from tests.unit.spectral.real import needed
 from tidemap.errors import UnusableFileError
 from tidemap.formats import nav2, octomap, ply
 from tidemap.formats.npy import UNSEEN
-from tidemap.importing.looks import resampled
 from tidemap.importing.options import ImportOptions
-from tidemap.importing.run import Report, look_through
+from tidemap.importing.run import Report, survey_files
+from tidemap.importing.snapshots import resampled
 from tidemap.progress import Silent
 from tidemap.space.grid import GridGeometry
 from tidemap.space.pose import Pose
@@ -31,7 +31,7 @@ FLAT = GridGeometry("map", (0.0, 0.0, 0.0), 0.5, (4, 3))
 
 
 def report(path: Path, **options: Any) -> Report:
-    return look_through([path], ImportOptions(**options), Silent())
+    return survey_files([path], ImportOptions(**options), Silent())
 
 
 def refused(path: Path, words: str, **options: Any) -> None:
@@ -46,17 +46,21 @@ class TestTables:
         file = tmp_path / "door.csv"
         lines = [("note", "when", "door"), ("a", "1700000000.5", "open"), ("", "2023-11-14T22:13:21Z", " Closed ")]
         file.write_text("\n".join(mark.join(line) for line in lines) + "\n")
-        (look,) = looks(file, time_column="when", state_column="door")
-        assert (look.time.tolist(), look.state.tolist(), look.cell) == ([1700000000.5, 1700000001.0], [1, 0], None)
-        (look,) = looks(file, time_column="when", state_column="note", occupied=frozenset({"a"}), start=10.0)
-        assert (look.time.tolist(), look.state.tolist()) == ([1700000010.5, 1700000011.0], [1, 0])
+        (snapshot,) = snapshots(file, time_column="when", state_column="door")
+        assert (snapshot.time.tolist(), snapshot.state.tolist(), snapshot.cell) == (
+            [1700000000.5, 1700000001.0],
+            [1, 0],
+            None,
+        )
+        (snapshot,) = snapshots(file, time_column="when", state_column="note", occupied=frozenset({"a"}), start=10.0)
+        assert (snapshot.time.tolist(), snapshot.state.tolist()) == ([1700000010.5, 1700000011.0], [1, 0])
 
     def test_the_real_door(self) -> None:
         path = needed("office", "day_1.csv.gz")
-        (look,) = looks(path, time_column="time_s")
+        (snapshot,) = snapshots(path, time_column="time_s")
         plain = np.loadtxt(gzip.decompress(path.read_bytes()).decode().splitlines(), delimiter=",", skiprows=1)
-        assert np.array_equal(look.time, plain[:, 0])
-        assert np.array_equal(look.state, plain[:, 1])
+        assert np.array_equal(snapshot.time, plain[:, 0])
+        assert np.array_equal(snapshot.state, plain[:, 1])
 
     @pytest.mark.parametrize(
         ("text", "words"),
@@ -102,9 +106,9 @@ class TestLogs:
         text += laser_line([1.0] * 181, (1.0, 1.0, math.pi / 2), 5.0) + laser_line([81.83, 0.5], (1.0, 1.0, 0.0), 6.0)
         file.write_text(text)
         grid = GridGeometry("map", (-1.0, -1.0, 0.0), 0.5, (8, 8))
-        first, second = looks(file, grid, start=100.0)
+        first, second = snapshots(file, grid, start=100.0)
         assert (first.time[0], second.time[0]) == (105.0, 106.0)
-        angle = np.deg2rad(np.arange(181))  # to the right of a robot that looks along y is x
+        angle = np.deg2rad(np.arange(181))  # to the right of a robot that snapshots along y is x
         ends = np.stack([1 + np.cos(angle), 1 + np.sin(angle), 0 * angle], axis=1)
         truth = cast_rays(grid, [1, 1, 0], ends)
         assert first.cell is not None
@@ -123,13 +127,13 @@ class TestLogs:
         assert proposal is not None
         form = proposal["grid"]
         grid = GridGeometry("map", tuple(form["origin"]), form["resolution_m"], tuple(form["shape"]))
-        found = list(looks(path, grid, max_range_m=20.0))
+        found = list(snapshots(path, grid, max_range_m=20.0))
         assert len(found) == len(lasers) > 200
-        for fields, look in list(zip(lasers, found, strict=True))[::10]:
-            assert look.cell is not None
-            occupied, free = (set(look.cell[look.state == state].tolist()) for state in (1, 0))
+        for fields, snapshot in list(zip(lasers, found, strict=True))[::10]:
+            assert snapshot.cell is not None
+            occupied, free = (set(snapshot.cell[snapshot.state == state].tolist()) for state in (1, 0))
             hit, passed, perhaps = slow_scan(fields, grid, 20.0)
-            assert look.time[0] == float(fields[-3])
+            assert snapshot.time[0] == float(fields[-3])
             assert occupied == hit
             assert passed - hit <= free <= (passed | perhaps) - hit
 
@@ -181,17 +185,17 @@ class TestMaps:
         file = tmp_path / "map.zip"
         file.write_bytes(nav2.write(plan))
         os.utime(file, (1000.0, 1000.0))
-        (look,) = looks(file, FLAT)
-        assert set(look.time.tolist()) == {1000.0}
-        assert look.cell is not None
-        assert look.cell.tolist() == [0, 1, 3, 4, 6, 7, 9, 10]
-        assert look.state.tolist() == [1, 0] * 4
+        (snapshot,) = snapshots(file, FLAT)
+        assert set(snapshot.time.tolist()) == {1000.0}
+        assert snapshot.cell is not None
+        assert snapshot.cell.tolist() == [0, 1, 3, 4, 6, 7, 9, 10]
+        assert snapshot.state.tolist() == [1, 0] * 4
         assert report(file, time=7.0).found[0].first == 7.0
         graded = tmp_path / "graded.zip"
         graded.write_bytes(nav2.write_graded(FLAT, np.array([1, 0, np.nan] * 4, np.float32)))
-        (again,) = looks(graded, FLAT)
+        (again,) = snapshots(graded, FLAT)
         assert again.cell is not None
-        assert (again.cell.tolist(), again.state.tolist()) == (look.cell.tolist(), look.state.tolist())
+        assert (again.cell.tolist(), again.state.tolist()) == (snapshot.cell.tolist(), snapshot.state.tolist())
 
     def test_the_real_map(self) -> None:
         path = needed("nav2_map", "y4_aaf-cropped.yaml")
@@ -199,18 +203,18 @@ class TestMaps:
         assert proposal is not None
         assert proposal["grid"]["shape"] == [1101, 2853]
         grid = GridGeometry("map", tuple(proposal["grid"]["origin"]), 0.05, (1101, 2853))
-        (look,) = looks(path, grid)
-        assert [int((look.state == state).sum()) for state in (0, 1)] == [652_623, 47_832]
+        (snapshot,) = snapshots(path, grid)
+        assert [int((snapshot.state == state).sum()) for state in (0, 1)] == [652_623, 47_832]
 
     def test_the_real_tree(self) -> None:
         path = needed("octomap", "geb079.bt")
         proposal = report(path).proposal
         assert proposal is not None
         grid = GridGeometry("map", tuple(proposal["grid"]["origin"]), 0.08, tuple(proposal["grid"]["shape"]))
-        (look,) = looks(path, grid)
+        (snapshot,) = snapshots(path, grid)
         tree = octomap.read(path.read_bytes())
         cells = tree.edge**3
-        assert [int((look.state == state).sum()) for state in (0, 1)] == [
+        assert [int((snapshot.state == state).sum()) for state in (0, 1)] == [
             int(cells[tree.log_odds < 0].sum()),
             int(cells[tree.log_odds >= 0].sum()),
         ]
@@ -262,13 +266,13 @@ def folder_of_clouds(folder: Path) -> Path:
 
 class TestClouds:
     def test_a_folder_is_a_sweep_a_file(self, tmp_path: Path) -> None:
-        found = list(looks(folder_of_clouds(tmp_path), ROOM, start=1000.0))
-        assert [look.time[0] for look in found] == [1010.0, 1011.0]
-        for look, pose in zip(found, ([0.5, 0.5, 0.5, 0, 0, 0, 1], [1, 1, 0.5, 0, 0, 1, 0]), strict=True):
+        found = list(snapshots(folder_of_clouds(tmp_path), ROOM, start=1000.0))
+        assert [snapshot.time[0] for snapshot in found] == [1010.0, 1011.0]
+        for snapshot, pose in zip(found, ([0.5, 0.5, 0.5, 0, 0, 0, 1], [1, 1, 0.5, 0, 0, 1, 0]), strict=True):
             map_from_sensor = Pose.of(pose)
             truth = cast_rays(ROOM, map_from_sensor.translation, map_from_sensor.apply(POINTS[:2]))
-            assert look.cell is not None
-            assert (look.cell.tolist(), look.state.tolist()) == (truth.cell.tolist(), truth.state.tolist())
+            assert snapshot.cell is not None
+            assert (snapshot.cell.tolist(), snapshot.state.tolist()) == (truth.cell.tolist(), truth.state.tolist())
 
     def test_a_cloud_without_a_pose_is_a_problem(self, tmp_path: Path) -> None:
         folder = folder_of_clouds(tmp_path)

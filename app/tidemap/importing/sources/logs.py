@@ -35,9 +35,9 @@ class Log:
 
     def _sweep(self, line: carmen.LaserLine) -> Sweep:
         x, y, theta = line.pose
-        turn = (0.0, 0.0, math.sin(theta / 2), math.cos(theta / 2))
+        rotation = (0.0, 0.0, math.sin(theta / 2), math.cos(theta / 2))
         high = self.options.max_range_m
         points = points_of_ranges(line.ranges, line.angle, RangeLimits(0.0, high))
         return Sweep(
-            line.time + self.options.start, Pose.of_quaternion(np.array([x, y, 0.0]), turn), points, high, True
+            line.time + self.options.start, Pose.of_quaternion(np.array([x, y, 0.0]), rotation), points, high, True
         )

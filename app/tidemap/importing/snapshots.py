@@ -1,4 +1,4 @@
-"""Looks: records on a location's grid, as the measurements that are posted."""
+"""Snapshots: records on a location's grid, as the measurements that are posted."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ BLOCK_CELLS = 1 << 20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LookColumns:
+class SnapshotColumns:
     """time (n,) float64 Unix seconds, state (n,) uint8; cell (n,) uint32, None for a location of kind `state`."""
 
     time: NDArray[np.float64]
@@ -27,17 +27,17 @@ class LookColumns:
         return len(self.time)
 
 
-def look_of(record: StateReadings | WholeMap | Sweep, grid: GridGeometry, min_hits: int) -> LookColumns:
+def snapshot_of(record: StateReadings | WholeMap | Sweep, grid: GridGeometry, min_hits: int) -> SnapshotColumns:
     """A record on a location's grid, into which it fits; readings are of a location of kind `state`."""
     if isinstance(record, StateReadings):
-        return LookColumns(record.time, record.state, None)
+        return SnapshotColumns(record.time, record.state, None)
     if isinstance(record, WholeMap):
         seen = resampled(record.grid, record.state, grid)
     else:
         ends = record.ends()
         origin = record.map_from_sensor.translation
         seen = cast_rays(grid, origin, ends, max_range_m=record.max_range_m, min_hits=min_hits)
-    return LookColumns(np.full(len(seen.cell), record.time), seen.state, seen.cell)
+    return SnapshotColumns(np.full(len(seen.cell), record.time), seen.state, seen.cell)
 
 
 def resampled(from_grid: GridGeometry, state: NDArray[np.uint8], grid: GridGeometry) -> SeenCells:
