@@ -12,11 +12,15 @@ from typing import TYPE_CHECKING
 from tidemap.schemas.common import parse_time_text
 
 if TYPE_CHECKING:
-    from tidemap.client import MapFile
+    from tidemap.client import MapFile, TidemapError
     from tidemap.importing.options import ImportOptions
     from tidemap.importing.run import Report
 
 DONE, FAILED, WRONG_USAGE = 0, 1, 2
+MAX_HITS = 100
+"""As `space.rays.MAX_MIN_HITS`, which takes long to import."""
+MIN_CLOCK = 1e8
+"""Unix seconds of 1973: times before that count from the start of a recording."""
 
 
 def add_files(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -97,17 +101,19 @@ def _moment(text: str) -> float:
 
 
 def _positive(text: str) -> float:
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
     if not 0 < value < inf:
-        raise argparse.ArgumentTypeError(f"{text} is not positive")
+        raise argparse.ArgumentTypeError(f"{text!r} is no positive number")
     return value
 
 
 def _hits(text: str) -> int:
-    value = int(text)
-    if not 1 <= value <= 100:
-        raise argparse.ArgumentTypeError(f"{text} is none from 1 to 100")
-    return value
+    if not (text.isdecimal() and 1 <= int(text) <= MAX_HITS):
+        raise argparse.ArgumentTypeError(f"{text!r} is no whole number from 1 to {MAX_HITS}")
+    return int(text)
 
 
 def _failed(message: str) -> int:
@@ -176,14 +182,22 @@ def _post(report: "Report", arguments: argparse.Namespace) -> int:
             progress = ShownProgress(sys.stderr)
             tally = import_files(report, _options(arguments), client, arguments.location, arguments.create, progress)
     except TidemapError as error:
-        hint = " --create makes it from what was found." if error.type.endswith(":location-not-found") else ""
-        return _failed(f"{error}{hint}")
+        return _failed(f"{error}{_hint(error, report)}")
     if arguments.json:
         print(json.dumps({"location": arguments.location, **asdict(tally)}))
     else:
         dropped = f", {tally.dropped} older than the location keeps" if tally.dropped else ""
         print(f"{arguments.location}: {tally.stored} measurements stored, {tally.known} known before{dropped}")
     return DONE
+
+
+def _hint(error: "TidemapError", report: "Report") -> str:
+    """What option changes that the server refuses, as far as one does."""
+    if error.type.endswith(":location-not-found"):
+        return " --create makes it from what was found."
+    if error.type.endswith(":invalid-input") and min(each.first for each in report.found) < MIN_CLOCK:
+        return " The times count from the start of the recording: say with --start when that was."
+    return ""
 
 
 def _export(arguments: argparse.Namespace) -> int:

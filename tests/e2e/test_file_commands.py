@@ -16,7 +16,7 @@ import yaml
 
 from tests.support.bags import BOOL, CLOUD, LASER, START
 from tests.support.here import Done, command
-from tests.support.server import ServerProcess
+from tests.support.server import ServerProcess, StartServer
 from tests.unit.importing.robot import OPEN, ROOM, SCANS, seen_by_cloud, seen_by_laser, written
 from tests.unit.spectral.real import needed
 from tidemap import Client
@@ -192,6 +192,8 @@ def test_what_does_not_fit_the_location_stores_nothing(
     fine = client.create_location(
         f"{name}-fine", kind="grid3d", interval_s=60, grid={"resolution_m": 0.1, "shape": [4, 4, 4]}
     )
+    far_away = {"origin": [100.0, 0.0, 0.0], "resolution_m": 0.5, "shape": [4, 4]}
+    far = client.create_location(f"{name}-far", kind="grid2d", interval_s=60, grid=far_away)
     tree = tmp_path / "map.bt"
     tree.write_bytes(octomap.write_binary(0.5, np.array([[32768] * 3]), np.ones(1, np.bool_)))
     for location, file, more, says in (
@@ -199,11 +201,22 @@ def test_what_does_not_fit_the_location_stores_nothing(
         (flat.name, recorded, ("--topic", BOOL), "name a location of kind 'state'"),
         (flat.name, recorded, ("--topic", LASER), "--fixed-frame floor"),
         (fine.name, tree, (), "cells of 0.5 m, larger than those of the location, 0.1 m"),
+        (far.name, recorded, ("--topic", LASER), "nothing of it is inside. Check the frames"),
     ):
         ended = run(client, "import", file, "--location", location, *more)
         assert ended.returncode == 1
         assert says in ended.stderr
         assert client.location(location).get().observations == 0
+
+
+def test_times_of_a_recording_need_its_start(server: StartServer, name: str, tmp_path: Path) -> None:
+    file = tmp_path / "door.csv"
+    file.write_text("time,state\n1,open\n2,closed\n")
+    with Client(server(env={"TIDEMAP_PAST_S": "600000000"}).url) as client:
+        ended = run(client, "import", file, "--location", name, "--create")
+        assert ended.returncode == 1
+        assert "say with --start" in ended.stderr
+        assert client.location(name).get().observations == 0
 
 
 def test_wrong_usage_is_two(client: Client, recorded: Path) -> None:
@@ -212,7 +225,9 @@ def test_wrong_usage_is_two(client: Client, recorded: Path) -> None:
         ("import", "--location", "x"),
         ("import", recorded, "--location", "x", "--time", "now"),
         ("import", recorded, "--location", "x", "--max-range", "-1"),
+        ("import", recorded, "--location", "x", "--max-range", "far"),
         ("import", recorded, "--location", "x", "--min-hits", "0"),
+        ("import", recorded, "--location", "x", "--min-hits", "1.5"),
         ("export", "x", "--format", "bag"),
         ("export", "x"),
     ):

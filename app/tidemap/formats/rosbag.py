@@ -42,14 +42,14 @@ class Bag:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
 
-        self._stack = ExitStack()
-        with _readable():
+        with _readable(), ExitStack() as opened:
             reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
-            self._reader = self._stack.enter_context(reader)
+            self._reader = opened.enter_context(reader)
             self.topics = {
                 name: BagTopic(name, info.msgtype or "several types", info.msgcount)
                 for name, info in self._reader.topics.items()
             }
+            self._stack = opened.pop_all()
 
     def __enter__(self) -> "Bag":
         return self

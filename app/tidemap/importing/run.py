@@ -7,6 +7,8 @@ from http import HTTPStatus
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from tidemap.client import Client, LocationHandle, TidemapError
 from tidemap.errors import UnusableFileError
 from tidemap.importing.files import digest_of, naming
@@ -16,7 +18,7 @@ from tidemap.importing.posting import Tally, post_snapshots
 from tidemap.importing.proposal import propose
 from tidemap.importing.records import ImportSource, Missing
 from tidemap.importing.snapshots import SnapshotColumns, snapshot_of
-from tidemap.importing.survey import Findings, survey
+from tidemap.importing.survey import Findings, corner_text, survey
 from tidemap.progress import Progress, Step
 from tidemap.schemas.locations import Location
 from tidemap.space.grid import SINGLE, GridGeometry
@@ -100,7 +102,18 @@ def _misfit(found: Findings, location: Location, options: ImportOptions) -> str 
             f"{what} has cells of {found.coarsest_m} m, larger than those of the location, {grid.resolution_m} m; "
             "make a location with cells as large"
         )
-    return None
+    return _outside(found, _geometry(location), what)
+
+
+def _outside(found: Findings, grid: GridGeometry, what: str) -> str | None:
+    """That all that was seen is outside of a grid, None where it is not."""
+    low = np.array(grid.origin)
+    high = low + np.array(grid.shape3) * grid.resolution_m
+    axes = slice(2 if grid.shape3[2] == 1 else 3)
+    if ((found.high >= low) & (found.low <= high))[axes].all():
+        return None
+    reach, extent = (f"{corner_text(a)} to {corner_text(b)}" for a, b in ((found.low, found.high), (low, high)))
+    return f"{what} reaches from {reach} m, and the location from {extent}: nothing of it is inside. Check the frames"
 
 
 def _known(handle: LocationHandle, proposal: dict[str, Any] | None, client: Client) -> Location:

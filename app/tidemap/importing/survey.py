@@ -88,13 +88,14 @@ class Findings:
         if said["times"]:
             parts.append(f"from {said['times'][0]} to {said['times'][1]}")
         if said["extent_m"]:
-            parts.append("reaching from {} to {} m".format(*(_rounded(corner) for corner in said["extent_m"])))
+            parts.append("reaching from {} to {} m".format(*(corner_text(corner) for corner in said["extent_m"])))
         if self.missing:
             parts.append(f"{self.missing} cannot be used: {self.reason}")
         return ", ".join(parts)
 
 
-def _rounded(corner: list[float]) -> str:
+def corner_text(corner: Iterable[float]) -> str:
+    """A corner of a box, to the centimetre."""
     return "(" + ", ".join(f"{value:.2f}" for value in corner) + ")"
 
 
