@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from pydantic import ValidationError
 
 from tidemap import log
+from tidemap.cli_files import add_files
 from tidemap.cli_outbox import add_outbox
 from tidemap.errors import DatabaseUnusableError, DomainError, SchemaVersionError
 from tidemap.requirements import unmet
@@ -64,6 +65,7 @@ def parser() -> argparse.ArgumentParser:
     _add_database(worker)
     worker.set_defaults(command=_worker)
     _add_demo(commands)
+    add_files(commands)
     migrate = commands.add_parser("migrate", help="bring the database to this version's schema")
     _add_database(migrate)
     migrate.set_defaults(command=_migrate)

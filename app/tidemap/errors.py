@@ -158,6 +158,16 @@ class UnreadableBodyError(DomainError):
     title = "Unreadable body"
 
 
+class UnusableFileError(DomainError):
+    """A file cannot be imported; nothing of it was stored."""
+
+    code = "unusable-file"
+    title = "Unusable file"
+
+    def __init__(self, path: object, why: str) -> None:
+        super().__init__(f"{path}: {why}")
+
+
 class UnsupportedMediaTypeError(DomainError):
     """The body is of a kind this endpoint does not read."""
 

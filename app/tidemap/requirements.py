@@ -7,6 +7,7 @@ from importlib.util import find_spec
 MIN_PYTHON = (3, 11)
 MIN_NUMPY = 2
 MODULES = (
+    "PIL",
     "alembic",
     "fastapi",
     "jinja2",

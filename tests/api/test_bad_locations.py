@@ -141,6 +141,7 @@ UNDER: list[tuple[str, str, Any]] = [
     ("GET", "/state", None),
     ("POST", "/predict", {"time": [T]}),
     ("GET", "/series", None),
+    ("GET", "/export?format=npz", None),
     ("GET", "/model", None),
     ("POST", "/evaluate", {"orders": [1]}),
     ("GET", "/anomalies", None),

@@ -145,6 +145,19 @@ def test_the_life_of_a_door(client: Any, name: str) -> None:
     assert name in [location.name for location in client.locations()]
 
 
+def test_a_map_comes_out_as_a_file(client: Any, name: str) -> None:
+    lab = client.create_location(name, kind="grid3d", interval_s=60, grid=GRID)
+    lab.observe_grid(START, occupied=[(1, 2, 1)], free=[(0, 0, 0)])
+    file = lab.export("octomap", START + 90, source="observed", z_min=0.5)
+    assert (file.name, file.time, file.revision, file.unavailable) == (f"{name}.bt", START + 90, 0, "")
+    assert file.content.startswith(b"# Octomap OcTree binary file")
+    with pytest.raises(TidemapError, match="no model yet"):
+        lab.export("nav2")
+    with pytest.raises(TidemapError) as refused:
+        lab.export("bag")
+    assert refused.value.errors[0].field == "format"
+
+
 def test_a_grid_seen_look_by_look(client: Any, name: str) -> None:
     handle = client.create_location(name, kind="grid3d", interval_s=60, grid=GRID)
     handle.observe_grid(START, occupied=[0, 5], free=[1])

@@ -13,10 +13,10 @@ from tidemap.client import Client, RetryPolicy
 from tidemap.demo import live
 from tidemap.demo.locations import BUILDING, FORMS, LOCATIONS, MIN_CELLS, NotTheDemoError
 from tidemap.demo.posting import Posted
-from tidemap.demo.progress import Silent
 from tidemap.demo.robot import INTERVAL_S
 from tidemap.demo.seed import phases, seed
 from tidemap.demo.story import planted
+from tidemap.progress import Silent
 
 HOUR_S = 3600.0
 

@@ -12,7 +12,7 @@ from tidemap.api import errors, live
 from tidemap.api.budget import Budget
 from tidemap.api.limits import Limits, Senders
 from tidemap.api.metrics import RequestMetrics, count_refused, make_registry
-from tidemap.api.routers import anomalies, health, jobs, keys, locations, maps, observations, scans
+from tidemap.api.routers import anomalies, export, health, jobs, keys, locations, maps, observations, scans
 from tidemap.api.state import AppState
 from tidemap.media_types import PROBLEM
 from tidemap.schemas.common import Problem
@@ -23,7 +23,7 @@ from tidemap.services.context import Context
 from tidemap.version import __version__
 
 BASE = "/api/v1"
-ROUTERS = tuple(each.router for each in (locations, observations, scans, maps, anomalies, jobs, keys))
+ROUTERS = tuple(each.router for each in (locations, observations, scans, maps, export, anomalies, jobs, keys))
 _REASONS = {
     400: "The body cannot be read.",
     401: "A key is needed.",

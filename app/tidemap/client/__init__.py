@@ -20,7 +20,7 @@ there, however the robot ends, until the server has stored it, once:
         tidemap.outbox.refused()                                             # what the server does not want, and why
 """
 
-from tidemap.client.answers import UNKNOWN, Information, Prediction, Series, State
+from tidemap.client.answers import UNKNOWN, Information, MapFile, Prediction, Series, State
 from tidemap.client.asynchronous import AsyncClient, AsyncLocationHandle
 from tidemap.client.blocking import Client, LocationHandle
 from tidemap.client.errors import OutboxError, OutboxFullError, TidemapError, UnreachableError
@@ -37,6 +37,7 @@ __all__ = [
     "Client",
     "Information",
     "LocationHandle",
+    "MapFile",
     "Message",
     "Outbox",
     "OutboxError",

@@ -5,6 +5,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
+from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,6 +143,21 @@ class Information:
     given: Given
 
 
+@dataclass(frozen=True, slots=True)
+class MapFile:
+    """A map as a file: the name that the server gives it, its bytes, the time of the map and its revision.
+
+    `revision` is 0 where there is no model. `unavailable` names ranges `first-stop` of cells that are damaged and look
+    unknown; it is empty when all is well at the server.
+    """
+
+    name: str
+    content: bytes
+    time: float
+    revision: int
+    unavailable: str
+
+
 def prediction(content: bytes) -> Prediction:
     """The answer of `/predict`."""
     said = json.loads(content)
@@ -198,6 +214,13 @@ def information(content: bytes) -> Information:
 def state(content: bytes, media_type: str) -> State:
     """The answer of `/state`, an Arrow IPC stream or JSON."""
     return _state(*(arrow.read(content) if media_type == ARROW else _json_columns(content)))
+
+
+def map_file(content: bytes, headers: Mapping[str, str]) -> MapFile:
+    """The answer of `/export`."""
+    _, _, name = headers["Content-Disposition"].partition("filename*=UTF-8''")
+    time, revision = parse_time(headers["Tidemap-Time"]), int(headers["Tidemap-Revision"])
+    return MapFile(unquote(name), content, time, revision, headers.get("Tidemap-Unavailable", ""))
 
 
 def _state(said: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> State:

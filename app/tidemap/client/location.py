@@ -23,7 +23,7 @@ from tidemap.schemas.anomalies import Events, Rule
 from tidemap.schemas.common import Page
 from tidemap.schemas.jobs import Job
 from tidemap.schemas.locations import EstimatorChoice, EstimatorName, Location, OrderChoice
-from tidemap.schemas.maps import Evaluation, Model
+from tidemap.schemas.maps import Evaluation, ExportFormat, ExportMode, ExportSource, Model
 from tidemap.schemas.observations import Deleted, Layout
 from tidemap.schemas.scans import RegistrationMode, ScanAccepted, ScanItem, Verdict
 
@@ -240,6 +240,38 @@ class LocationOperations(AnomalyOperations):
         )
         response = yield Request("GET", f"{self.path}/state", query, headers={"Accept": JSON if pa is None else ARROW})
         return answers.state(response.content, response.headers["Content-Type"])
+
+    @operation
+    def export(
+        self,
+        format: ExportFormat,
+        time: TimeLike | None = None,
+        *,
+        confidence: float | None = None,
+        source: ExportSource = "predicted",
+        mode: ExportMode = "trinary",
+        given: answers.Given = "observations",
+        z_min: float | None = None,
+        z_max: float | None = None,
+    ) -> Plan[answers.MapFile]:
+        """The map at a time (now, if none is given) as a file: its `content` and a `name` for it.
+
+        `mode` "trinary" says occupied, free or unknown by confidence, "scale" gives probabilities (octomap: `.ot` for
+        `.bt`). `source` "observed" is what was seen last of each cell, also before there is a model. A height band
+        [z_min, z_max] (metres) keeps the layers with their centre in it; nav2 makes one layer of them.
+        """
+        query = present(
+            format=format,
+            time=None if time is None else unix(time),
+            confidence=confidence,
+            source=source,
+            mode=mode,
+            given=given,
+            z_min=z_min,
+            z_max=z_max,
+        )
+        response = yield Request("GET", f"{self.path}/export", query)
+        return answers.map_file(response.content, response.headers)
 
     @operation
     def series(

@@ -11,10 +11,10 @@ from tidemap.client import Client, TidemapError
 from tidemap.demo.civil import DAY_S
 from tidemap.demo.locations import BUILDING, FORMS, begin_events, prepare
 from tidemap.demo.posting import Posted, Posting
-from tidemap.demo.progress import Progress, ShownProgress
 from tidemap.demo.robot import INTERVAL_S, Robot
 from tidemap.demo.story import planted
 from tidemap.demo.world import World
+from tidemap.progress import Progress, ShownProgress
 
 SEED = 2014
 HISTORY_S = 21 * DAY_S

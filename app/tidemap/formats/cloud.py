@@ -120,6 +120,19 @@ class CloudLayout:
         return [field.dtype for name in AXES for field in self.fields if field.name == name]
 
 
+ROW = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("probability", "<f4")])
+"""Of the clouds that are written."""
+
+
+def rows_of(points: NDArray[np.float64], probability: NDArray[np.float32]) -> NDArray[np.void]:
+    """Points (n, 3) and their probability (n,) as rows of `ROW`."""
+    rows = np.empty(len(points), ROW)
+    for axis, name in enumerate(AXES):
+        rows[name] = points[:, axis]
+    rows["probability"] = probability
+    return rows
+
+
 def unreadable(file: str, why: str) -> UnreadableBodyError:
     """What is raised for a file that cannot be read."""
     return UnreadableBodyError(f"This {file} file cannot be read: {why}.")

@@ -6,7 +6,17 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.formats.cloud import MAX_ROW_BYTES, CloudField, CloudLayout, Points, count_of, head_lines, unreadable
+from tidemap.formats.cloud import (
+    MAX_ROW_BYTES,
+    ROW,
+    CloudField,
+    CloudLayout,
+    Points,
+    count_of,
+    head_lines,
+    rows_of,
+    unreadable,
+)
 from tidemap.history.columns import Content
 from tidemap.history.jit import kernel
 
@@ -34,6 +44,17 @@ def read(content: Content) -> Points:
     if kind == "binary_compressed":
         return layout.planar(_unpacked(content, start, n * layout.row_bytes), n)
     raise unreadable("PCD", f"its DATA is {kind[:40]!r}; write ascii, binary or binary_compressed")
+
+
+def write(points: NDArray[np.float64], probability: NDArray[np.float32]) -> bytes:
+    """A binary PCD of points (n, 3) with their probability (n,)."""
+    names, n = ROW.names or (), len(points)
+    lines = ["# .PCD v0.7 - Point Cloud Data file format", "VERSION 0.7", f"FIELDS {' '.join(names)}"]
+    lines += [
+        f"{key} {' '.join([value] * len(names))}" for key, value in (("SIZE", "4"), ("TYPE", "F"), ("COUNT", "1"))
+    ]
+    lines += [f"WIDTH {n}", "HEIGHT 1", "VIEWPOINT 0 0 0 1 0 0 0", f"POINTS {n}", "DATA binary", ""]
+    return "\n".join(lines).encode() + rows_of(points, probability).tobytes()
 
 
 def _layout(entries: Mapping[str, list[str]]) -> CloudLayout:

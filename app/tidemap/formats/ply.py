@@ -4,8 +4,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tidemap.formats.cloud import CloudField, CloudLayout, Points, count_of, head_lines, unreadable
+from tidemap.formats.cloud import ROW, CloudField, CloudLayout, Points, count_of, head_lines, rows_of, unreadable
 from tidemap.history.columns import Content
 
 SHORT = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"}
@@ -42,6 +43,13 @@ def read(content: Content) -> Points:
         skip = sum(each.n for each in before)
         return vertex.layout.text(content, start, vertex.n, skip=skip, more=bool(after))
     return _packed(content, start, before, vertex, bool(after))
+
+
+def write(points: NDArray[np.float64], probability: NDArray[np.float32]) -> bytes:
+    """A little-endian binary PLY of points (n, 3) with their probability (n,)."""
+    properties = [f"property float {name}" for name in ROW.names or ()]
+    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}", *properties, "end_header", ""]
+    return "\n".join(lines).encode() + rows_of(points, probability).tobytes()
 
 
 def _kind(words: Iterable[list[str]]) -> str:

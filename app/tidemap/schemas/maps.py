@@ -8,6 +8,9 @@ from tidemap.schemas.common import Answer, Form, Many, TimeIn, TimeOut, shown
 from tidemap.schemas.locations import Confidence, EstimatorName, Grid
 
 Given = Literal["observations", "model"]
+ExportFormat = Literal["nav2", "octomap", "ply", "pcd", "npz", "arrow"]
+ExportSource = Literal["predicted", "observed"]
+ExportMode = Literal["trinary", "scale"]
 Verdict = Literal["occupied", "free", "uncertain"]
 UNAVAILABLE = (
     "Cells [first, stop) whose stored state is damaged, as the server's log says: they are missing here. "

@@ -12,8 +12,8 @@ from tests.support.contexts import opened
 from tests.support.server import ServerProcess
 from tidemap.client import Client
 from tidemap.demo.locations import FORMS
-from tidemap.demo.progress import Silent
 from tidemap.demo.seed import seed
+from tidemap.progress import Silent
 from tidemap.services.context import Context
 from tidemap.services.history import read_history, window
 from tidemap.services.locations import find_location

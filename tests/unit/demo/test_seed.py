@@ -8,9 +8,9 @@ import pytest
 
 from tidemap.demo.civil import DAY_S
 from tidemap.demo.locations import FORMS, NotTheDemoError, check
-from tidemap.demo.progress import Bar, Lines, ShownProgress
 from tidemap.demo.seed import chunks, phases, rounds
 from tidemap.demo.story import planted
+from tidemap.progress import Bar, Lines, ShownProgress
 from tidemap.schemas.locations import Grid, Location, LocationForm
 
 MONDAY = datetime(2026, 3, 2, tzinfo=ZoneInfo("Europe/London"))
@@ -97,7 +97,7 @@ def test_progress_is_a_bar_on_a_terminal_and_lines_elsewhere() -> None:
 
 def test_lines_say_how_far_it_is_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = iter([0.0, 0.0, 1.0, 6.0, 6.0, 7.0, 8.0, 8.0])
-    monkeypatch.setattr("tidemap.demo.progress.time.monotonic", lambda: next(clock))
+    monkeypatch.setattr("tidemap.progress.time.monotonic", lambda: next(clock))
     log = io.StringIO()
     with Lines("History", 4, log) as step:
         step(1)

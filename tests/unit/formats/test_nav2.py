@@ -15,8 +15,9 @@ from PIL import Image
 
 from tests.unit.spectral.real import needed
 from tidemap.errors import UnreadableBodyError
-from tidemap.formats.nav2 import FREE, OCCUPIED, FloorPlan, read, read_pair, write
+from tidemap.formats.nav2 import FloorPlan, read, read_pair, write
 from tidemap.formats.npy import UNSEEN
+from tidemap.history.history import FREE, OCCUPIED
 from tidemap.space.grid import GridGeometry
 
 METRES = st.floats(-1e6, 1e6)
@@ -121,7 +122,9 @@ def states(shades: list[int], white: int = 255, **changes: object) -> list[int]:
 def test_shades_become_states_as_in_map_server() -> None:
     """With 255 as white a share of black above .65 is one of at most 89, one below .25 is one of at least 192."""
     assert states([0, 89, 90, 191, 192, 255]) == [1, 1, UNSEEN, UNSEEN, 0, 0]
-    assert states([0, 89, 90, 191, 192, 255], mode="scale") == [1, 1, UNSEEN, UNSEEN, 0, 0]
+    # Between the thresholds of .65 and .25 these are 100, 65, 64, 25, 26 and 0 percent.
+    assert states([0, 125, 126, 166, 165, 255], mode="scale") == [1, 1, UNSEEN, 0, UNSEEN, 0]
+    assert states([255, 0], mode="scale", free_thresh=0.5, occupied_thresh=0.5) == [0, 1]
     assert states([255, 166, 165, 64, 63, 0], negate=1) == [1, 1, UNSEEN, UNSEEN, 0, 0]
     assert states([255, 0], negate=True) == [1, 0]
     assert states([205, 205], free_thresh=0.196) == [UNSEEN, UNSEEN]
@@ -187,6 +190,7 @@ def test_what_refers_to_itself_again_and_again_takes_no_memory() -> None:
         (b"", "P5"),
         (b"P2\n1 1\n255\n0\n", "P5"),
         (b"\x89PNG\r\n", "P5"),
+        (b"\x89PNG\r\n\x1a\n", "PNG is damaged"),
         (b"P5\n", "width"),
         (b"P5\n0 1\n255\n", "width"),
         (b"P5\n1 99999\n255\n", "height"),

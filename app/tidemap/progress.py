@@ -16,7 +16,7 @@ class Progress(Protocol):
     """Shows how far work is."""
 
     def task(self, what: str, total: int) -> AbstractContextManager[Step]:
-        """While a task of `total` steps lasts: call what it gives with the steps done since the last call."""
+        """While a task of `total` steps, 0 if nobody knows, lasts: call what it gives with the steps since the last."""
 
 
 class Silent:
@@ -44,7 +44,7 @@ class Bar:
     """A bar for people."""
 
     def __init__(self, what: str, total: int, stream: TextIO) -> None:
-        self._bar = tqdm(total=total, desc=what, file=stream)
+        self._bar = tqdm(total=total or None, desc=what, file=stream)
 
     def __enter__(self) -> Step:
         return self.step
@@ -80,7 +80,8 @@ class Lines:
         """So many more steps are done."""
         self._done += n
         if time.monotonic() - self._said >= self._every_s:
-            self._say(f"{100 * self._done // max(self._total, 1)} % of {self._total}")
+            share = f"{100 * self._done // self._total} % of {self._total}" if self._total else str(self._done)
+            self._say(share)
 
     def _say(self, text: str) -> None:
         self._said = time.monotonic()

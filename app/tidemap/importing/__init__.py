@@ -1,0 +1,1 @@
+"""Import: files of robots become observations, posted through the public client."""
