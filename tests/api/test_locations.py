@@ -102,6 +102,10 @@ def test_settings_can_be_changed_one_by_one(api: Api) -> None:
         {"retention": 1e6},
         {"retention": None},
         {"min_cells": 4},
+        {"sensor": {"miss": 0.1, "false_alarm": 0.0}},
+        {"sensor": "learn"},
+        {"confidence": 0.7},
+        {"sensor": None},
         {},
     ]
     for change in changes:

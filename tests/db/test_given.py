@@ -67,13 +67,17 @@ def do(ctx: Context, name: str, step: str, what: Any) -> None:
             delete_observations(ctx, name, Deletion(BEGIN + MINUTE * what, BEGIN + MINUTE * (what + 5)))
 
 
-@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(steps=st.lists(STEP, min_size=1, max_size=8), hold=st.booleans())
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    steps=st.lists(STEP, min_size=1, max_size=8),
+    hold=st.booleans(),
+    sensor=st.sampled_from([None, {"miss": 0.1, "false_alarm": 0.2}, "learn"]),
+)
 def test_what_is_kept_is_what_is_read_anew(
-    ctx: Context, database_url: str, steps: list[tuple[str, Any]], hold: bool
+    ctx: Context, database_url: str, steps: list[tuple[str, Any]], hold: bool, sensor: Any
 ) -> None:
     name, held = f"lab{next(NAMES)}", {"missing": "hold", "hold_s": 600.0} if hold else {}
-    make_location(ctx, name, SHAPE, estimator="fft", order=2, **held)
+    make_location(ctx, name, SHAPE, estimator="fft", order=2, sensor=sensor, **held)
     post_rows(ctx, name, [(BEGIN + MINUTE * n, cell, int(n % 20 < 10)) for n in range(100) for cell in CELLS[:4]])
     refit(ctx, name)
     answers(ctx, name)

@@ -4,7 +4,7 @@ import math
 from typing import Annotated, Literal
 from zoneinfo import ZoneInfo
 
-from pydantic import AfterValidator, BeforeValidator, Field, Strict, model_validator
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Strict, Tag, model_validator
 from pydantic.json_schema import SkipJsonSchema
 
 from tidemap.schemas.common import FARTHEST_S, NAME_PATTERN, Answer, Form, Many, Text, TimeIn, TimeOut, shown
@@ -28,6 +28,26 @@ COMBINE = (
     "What several measurements of a cell in one sample make of it: `latest`, the state of the last one; `any`, "
     "occupied where one of them is; `majority`, occupied where half of them are. It cannot be changed once there are "
     "observations."
+)
+
+
+class SensorRates(Form):
+    """How often a sensor errs: the share of occupied states that it misses, and of free ones that it reports."""
+
+    miss: float = Field(ge=0, lt=0.5, examples=[0.1])
+    false_alarm: float = Field(ge=0, lt=0.5, examples=[0.02])
+
+
+# The tags are no identifiers: errors do not name them.
+SensorChoice = Annotated[
+    Annotated[SensorRates, Tag("the rates")] | Annotated[Literal["learn"], Tag("the word")],
+    Discriminator(lambda value: "the word" if isinstance(value, str) else "the rates"),
+]
+SENSOR = (
+    "How often the sensor errs: `miss`, the share of occupied states that it reads as free, and `false_alarm`, the "
+    "share of free ones that it reads as occupied; or `learn`, for updates to learn both from the history. Every "
+    "reading then moves a belief, and answers that are given observations are conditioned on it. Without a sensor "
+    "readings are true."
 )
 
 
@@ -94,6 +114,7 @@ class LocationForm(Form):
         None, description="Forget what is older than this many seconds by the server's clock; posts of it are dropped."
     )
     min_cells: MinCells = Field(1, description="Events of fewer neighbouring cells are not reported.")
+    sensor: SensorChoice | None = Field(None, description=SENSOR)
 
     @model_validator(mode="after")
     def _consistent(self) -> "LocationForm":
@@ -130,6 +151,7 @@ class LocationPatch(Form):
     combine: Combine | None = None
     retention: Seconds | None = None
     min_cells: MinCells | None = None
+    sensor: SensorChoice | None = Field(None, description=f"{SENSOR} Null takes it away.")
 
     kind: Fixed = None
     interval_s: Fixed = None
@@ -155,6 +177,7 @@ class Location(Answer):
     combine: Combine = "latest"
     retention: float | None
     min_cells: int
+    sensor: SensorChoice | None = None
     created_at: TimeOut
     observations: int
     first_time: TimeOut | None

@@ -17,6 +17,7 @@ from tidemap.services.damage import Damage
 from tidemap.services.location_cache import LocationCache
 from tidemap.services.state_buffer import StateBuffer
 from tidemap.settings import Settings
+from tidemap.spectral.belief import Beliefs
 from tidemap.spectral.conditioning import Evidence
 from tidemap.spectral.spectrum import Spectrum
 from tidemap.storage.records import RevisionRecord
@@ -38,9 +39,9 @@ class Loaded:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeptEvidence:
-    """What was read last of some cells; those of `damaged` chunks look as if never read."""
+    """What was read last of some cells, or is believed of them; those of `damaged` chunks look as if never read."""
 
-    evidence: Evidence
+    evidence: Evidence | Beliefs
     damaged: list[int]
 
 

@@ -1,5 +1,6 @@
 """Making, changing, listing and deleting locations."""
 
+import json
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -27,11 +28,12 @@ def create_location(ctx: Context, form: LocationForm) -> LocationSummary:
             "grid.shape",
             f"{n_cells} cells are more than this server's {ctx.settings.max_cells}; use several locations",
         )
-    values = form.model_dump(exclude={"grid", "retention", "order"})
+    values = form.model_dump(exclude={"grid", "retention", "order", "sensor"})
     values |= {
         "order": None if form.order == "auto" else form.order,
         "retention_s": form.retention,
         "grid": form.grid.model_dump_json() if form.grid else None,
+        "sensor": _sensor(form),
         "created_at": ctx.clock(),
     }
     record = ctx.store.write(lambda work: work.locations.create(values))
@@ -48,6 +50,8 @@ def change_location(ctx: Context, name: str, form: LocationPatch) -> LocationSum
         values["order"] = None
     if "retention" in values:
         values["retention_s"] = values.pop("retention")
+    if "sensor" in values:
+        values["sensor"] = _sensor(form)
 
     def change(work: Work) -> None:
         _refuse_recombining(work.locations.get(name), values.get("combine"))
@@ -57,6 +61,11 @@ def change_location(ctx: Context, name: str, form: LocationPatch) -> LocationSum
 
     ctx.store.write(change, lambda _: ctx.caches.locations.forget())
     return get_location(ctx, values.get("name", name))
+
+
+def _sensor(form: LocationForm | LocationPatch) -> str | None:
+    """As it is stored."""
+    return None if form.sensor is None else json.dumps(form.model_dump(include={"sensor"})["sensor"])
 
 
 def _refuse_recombining(record: LocationRecord, combine: str | None) -> None:

@@ -1,24 +1,27 @@
 """Update: refit spectrum and outliers of a location from its history (the paper's model update)."""
 
-from collections.abc import Callable, Iterator
-from contextlib import suppress
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tidemap.errors import CorruptChunkError, InvalidInputError
-from tidemap.history.history import History
+from tidemap.history.sequences import Sequences
 from tidemap.services.compaction import compact, forget
 from tidemap.services.context import Context
-from tidemap.services.history import read_compacted, window
+from tidemap.services.history import window
+from tidemap.services.sampling import measured, sample_cells, seen_samples
 from tidemap.services.update_task import ChunkFit, Executor, Plan, UpdateTask, run_task
 from tidemap.spectral.auto.selection import Choice, choose
+from tidemap.spectral.belief import Detector
 from tidemap.spectral.conditioning import Persistence
+from tidemap.spectral.detection import ReadCells, learn_detector
 from tidemap.spectral.model import fit_part
 from tidemap.spectral.persistence import learn_persistence
-from tidemap.spectral.window import PAUSE_S, fft_window
+from tidemap.spectral.prediction import predict_readings
+from tidemap.spectral.sensor import Sensor
+from tidemap.spectral.window import fft_window
 from tidemap.storage.records import LocationRecord, RevisionRecord
 from tidemap.storage.work import Work
 
@@ -26,8 +29,6 @@ SELECTION_CELLS = 64
 """Changing cells that decide for all."""
 PERSISTENCE_CELLS = 16
 """Changing cells, or chunks that they are looked for in, that tell how long states last."""
-PAUSE_CHUNKS = 8
-"""Chunks whose pauses are those of all."""
 ORDERS = (1, 2, 3, 5, 10, 15)
 """Orders of `fft` that are tried."""
 
@@ -63,7 +64,7 @@ def run_update(
     progress(0.1)
     plan, tried = _plan(ctx, location, request, executor.check)
     fits = _fit_chunks(ctx, plan, executor, progress)
-    record = _revision(ctx, plan, tried, _accuracy(fits), _persistence(ctx, plan, executor.check))
+    record = _revision(ctx, plan, tried, _accuracy(fits), _learned(ctx, plan, executor.check))
 
     def publish(work: Work) -> None:
         work.spectra.publish(record)
@@ -111,7 +112,7 @@ def _plan(
     selection = _select(ctx, location, asked, request, check)
     start, stop = asked
     if selection.estimator == "fft" and request.start is None and request.stop is None:
-        start, stop = fft_window(_seen(ctx, location, asked, check), start, stop, location.interval_s)
+        start, stop = fft_window(seen_samples(ctx, location, asked, check), start, stop, location.interval_s)
     tried = selection if selection.reason else None
     return Plan(location, number, selection.recipe, start, stop, history), tried
 
@@ -129,17 +130,24 @@ def _limited(now: LocationRecord, before: LocationRecord) -> LocationRecord:
     )
 
 
-def _persistence(ctx: Context, plan: Plan, check: Callable[[], None]) -> Persistence:
-    """How long states last, learned from some changing cells.
+def _learned(ctx: Context, plan: Plan, check: Callable[[], None]) -> tuple[Persistence, Detector | None]:
+    """How long states last, learned from some changing cells, and what errs in reading them.
 
     Their fit leaves out what is followed of the last day: it is no rhythm that a reading could add to.
     """
     location = plan.location
-    sampled = _sample_cells(ctx, location, plan.history, check, PERSISTENCE_CELLS)
+    sampled = sample_cells(ctx, location, plan.history, check, PERSISTENCE_CELLS)
     recipe = replace(plan.recipe, carry_over=0.0)
     check()
-    spectrum = fit_part(sampled, recipe, location.base, (plan.start, plan.stop))
-    return learn_persistence(sampled, spectrum, location.base)
+    spectrum = fit_part(sampled.history, recipe, location.base, (plan.start, plan.stop))
+    persistence = learn_persistence(sampled.history, spectrum, location.base)
+    if location.sensor is None:
+        return persistence, None
+    sequences = Sequences.of(measured(ctx, location, sampled))
+    p = predict_readings(spectrum, np.arange(spectrum.n_cells), sequences, location.base).astype(np.float64)
+    read = ReadCells(sequences, p, location.hold_samples or 0)
+    given = location.sensor if isinstance(location.sensor, Sensor) else None
+    return persistence, learn_detector(read, location.interval_s, given)
 
 
 def _asked_samples(location: LocationRecord, history: tuple[int, int], request: UpdateRequest) -> tuple[int, int]:
@@ -164,52 +172,16 @@ def _select(
     if estimator == "fft" and isinstance(order, int):
         return Choice(estimator, order, (), "", 0, location.time_zone)
     orders = ORDERS if order == "auto" else (int(order),)
-    sampled = _sample_cells(ctx, location, samples, check, SELECTION_CELLS)
-    return choose(sampled, location.base, orders, SELECTION_CELLS, location.time_zone, estimator, check)
-
-
-def _sample_cells(
-    ctx: Context, location: LocationRecord, samples: tuple[int, int], check: Callable[[], None], n_cells: int
-) -> History:
-    """The histories of about `n_cells` to four times as many changing cells, spread evenly over some chunks that can
-    be read."""
-    n_chunks = min(location.n_chunks, n_cells)
-    parts = [History.empty(0, samples[0], samples[1] - samples[0])]
-    for history in _sample_chunks(ctx, location, samples, check, n_chunks):
-        occupied = history.count_occupied()
-        changing = np.flatnonzero((occupied > 0) & (occupied < history.count_observed()))
-        step = max(1, len(changing) * n_chunks // (4 * n_cells))
-        parts.append(history.cells(changing[::step]))
-    return History(
-        samples[0],
-        samples[1] - samples[0],
-        np.concatenate([part.observed for part in parts]),
-        np.concatenate([part.occupied for part in parts]),
-    )
-
-
-def _seen(
-    ctx: Context, location: LocationRecord, samples: tuple[int, int], check: Callable[[], None]
-) -> NDArray[np.int64]:
-    """The samples in which something was seen in some chunks; all where they are too few for a pause."""
-    if (samples[1] - samples[0]) * location.interval_s <= PAUSE_S:
-        return np.arange(*samples)
-    seen = [history.seen() for history in _sample_chunks(ctx, location, samples, check, PAUSE_CHUNKS)]
-    return np.unique(np.concatenate([np.zeros(0, np.int64), *seen]))
-
-
-def _sample_chunks(
-    ctx: Context, location: LocationRecord, samples: tuple[int, int], check: Callable[[], None], n_chunks: int
-) -> Iterator[History]:
-    """The histories of `n_chunks` chunks at most, spread evenly, that can be read."""
-    for chunk in np.linspace(0, location.n_chunks - 1, min(location.n_chunks, n_chunks)).astype(int).tolist():
-        check()
-        with suppress(CorruptChunkError):
-            yield read_compacted(ctx, location, chunk, *samples)
+    sampled = sample_cells(ctx, location, samples, check, SELECTION_CELLS)
+    return choose(sampled.history, location.base, orders, SELECTION_CELLS, location.time_zone, estimator, check)
 
 
 def _revision(
-    ctx: Context, plan: Plan, tried: Choice | None, accuracy: float | None, persistence: Persistence
+    ctx: Context,
+    plan: Plan,
+    tried: Choice | None,
+    accuracy: float | None,
+    learned: tuple[Persistence, Detector | None],
 ) -> RevisionRecord:
     return RevisionRecord(
         location_id=plan.location.id,
@@ -222,7 +194,8 @@ def _revision(
         accuracy=accuracy,
         updated_at=ctx.clock(),
         selection=None if tried is None else _wire(tried),
-        persistence=persistence,
+        persistence=learned[0],
+        detector=learned[1],
     )
 
 

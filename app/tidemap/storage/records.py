@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +13,10 @@ from sqlalchemy import RowMapping
 from tidemap.errors import CorruptChunkError
 from tidemap.history.timebase import TimeBase
 from tidemap.space.grid import SINGLE, GridGeometry
+from tidemap.spectral.belief import Detector
 from tidemap.spectral.conditioning import UNLEARNED, Persistence
 from tidemap.spectral.recipe import Recipe
+from tidemap.spectral.sensor import Sensor
 from tidemap.storage.blobs import unpack_json
 
 CHUNK_CELLS = 1024
@@ -39,6 +41,7 @@ class LocationRecord:
     combine: str
     retention_s: float | None
     min_cells: int
+    sensor: Sensor | Literal["learn"] | None
     created_at: float
     observation_seq: int
     compacted_seq: int
@@ -51,7 +54,7 @@ class LocationRecord:
     @classmethod
     def of(cls, row: RowMapping) -> "LocationRecord":
         """From a row of the table."""
-        return cls(**{**row, "grid": grid_of(row["grid"])})
+        return cls(**{**row, "grid": grid_of(row["grid"]), "sensor": sensor_of(row["sensor"])})
 
     @cached_property
     def base(self) -> TimeBase:
@@ -106,11 +109,25 @@ def grid_of(text: str | None) -> GridGeometry | None:
     return GridGeometry(value["frame"], tuple(value["origin"]), value["resolution_m"], tuple(value["shape"]))
 
 
+LEARN: Final = "learn"
+"""A location's `sensor` whose rates the updates learn."""
+
+
+@lru_cache
+def sensor_of(text: str | None) -> Sensor | Literal["learn"] | None:
+    """A sensor from its stored JSON; ValueError where it is none."""
+    if text is None:
+        return None
+    value = json.loads(text)
+    return LEARN if value == LEARN else Sensor(**value)
+
+
 @dataclass(frozen=True)
 class RevisionRecord:
     """One update: samples [start, stop) were fitted; `observation_seq` and `measurements` were known then.
 
     persistence: how long states last, as the update learned it; by default what is believed without having learned.
+    detector: the same as read by a sensor that errs, where the location had one.
     """
 
     location_id: int
@@ -124,6 +141,7 @@ class RevisionRecord:
     updated_at: float
     selection: dict[str, Any] | None
     persistence: Persistence = UNLEARNED
+    detector: Detector | None = None
 
     @classmethod
     def of(cls, row: RowMapping) -> "RevisionRecord":
@@ -133,7 +151,10 @@ class RevisionRecord:
         selection = row["selection"] and unpack_json(row["selection"], f"the selection of {what}")
         learned = row["persistence"]
         persistence = Persistence(**unpack_json(learned, f"the persistence of {what}")) if learned else UNLEARNED
-        return cls(**{**row, "recipe": recipe, "selection": selection, "persistence": persistence})
+        seen = row["detector"] and Detector.from_dict(unpack_json(row["detector"], f"the detector of {what}"))
+        return cls(
+            **{**row, "recipe": recipe, "selection": selection, "persistence": persistence, "detector": seen or None}
+        )
 
     @property
     def estimator(self) -> str:

@@ -5,6 +5,7 @@ from dataclasses import asdict
 from tidemap.schemas.locations import Grid, Location
 from tidemap.services.locations import LocationSummary
 from tidemap.space.grid import GridGeometry
+from tidemap.spectral.sensor import Sensor
 
 
 def location_view(known: LocationSummary) -> Location:
@@ -15,6 +16,7 @@ def location_view(known: LocationSummary) -> Location:
         "shape": list(known.cells.shape),
         "order": known.order or "auto",
         "retention": known.retention_s,
+        "sensor": asdict(known.sensor) if isinstance(known.sensor, Sensor) else known.sensor,
     }
     return Location(**(named | own))
 
