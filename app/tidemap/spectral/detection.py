@@ -17,7 +17,7 @@ from tidemap.history.jit import kernel
 from tidemap.history.sequences import Sequences
 from tidemap.spectral.belief import Detector
 from tidemap.spectral.conditioning import MIN_PROBABILITY, UNLEARNED
-from tidemap.spectral.durations import Durations, Runs
+from tidemap.spectral.durations import BelievedRuns, Durations
 from tidemap.spectral.sensor import MAX_RATE, Sensor
 
 MAX_READINGS: Final = 100_000
@@ -101,7 +101,7 @@ def _rhythm(sensor: Sensor, read: ReadCells) -> NDArray[np.float64]:
     return np.clip(sensor.state_probability(read.p), MIN_PROBABILITY, 1 - MIN_PROBABILITY)
 
 
-def _runs(read: ReadCells, sensor: Sensor, rate: float) -> Runs:
+def _runs(read: ReadCells, sensor: Sensor, rate: float) -> BelievedRuns:
     """The runs of states that the smoothed chain believes in, each from the middle between two readings to another."""
     sequences, rhythm = read.sequences, _rhythm(sensor, read)
     filtered, ahead = np.empty(len(read.p)), np.empty(len(read.p))
@@ -119,7 +119,7 @@ def _runs(read: ReadCells, sensor: Sensor, rate: float) -> Runs:
     length = np.where(closed, after, sequences.sample[end]) - border
     mean = np.bincount(cell, rhythm, sequences.n_cells)[cell[begin]] / sequences.count[cell[begin]]
     state = occupied[begin].astype(np.uint8)
-    return Runs(state, np.maximum(length, 1.0), opened & closed, np.where(state == 1, 1 - mean, mean))
+    return BelievedRuns(state, np.maximum(length, 1.0), opened & closed, np.where(state == 1, 1 - mean, mean))
 
 
 @kernel

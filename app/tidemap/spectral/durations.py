@@ -22,8 +22,8 @@ PRIOR_RUNS: Final = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Runs:
-    """Runs of equal states, (n,) each.
+class BelievedRuns:
+    """BelievedRuns of equal states, (n,) each.
 
     state: uint8. length: in samples. ended: whether their begin and their end were seen. redrawn: the probability that
     a state which is drawn anew is another one, so that the run ends.
@@ -57,12 +57,12 @@ class Durations:
         return cls(np.tile(-UNLEARNED.alpha * np.log1p(age_s / UNLEARNED.tau_s), (2, 1)))
 
     @classmethod
-    def learned(cls, runs: Runs, interval_s: float) -> "Durations":
+    def learned(cls, runs: BelievedRuns, interval_s: float) -> "Durations":
         """By the share of runs at an age that end there, blurred, under a prior that is worth `PRIOR_RUNS`."""
         rows = []
         for state, prior in enumerate(cls.believed(interval_s).log_kept):
             mine = runs.state == state
-            some = Runs(runs.state[mine], runs.length[mine], runs.ended[mine], runs.redrawn[mine])
+            some = BelievedRuns(runs.state[mine], runs.length[mine], runs.ended[mine], runs.redrawn[mine])
             rows.append(_log_kept(some, _ages(interval_s), prior))
         return cls(np.array(rows))
 
@@ -80,7 +80,7 @@ def _ages(interval_s: float) -> NDArray[np.float64]:
     return np.asarray(RATIO ** np.arange(n_ages), np.float64)
 
 
-def _log_kept(runs: Runs, age: NDArray[np.float64], prior: NDArray[np.float64]) -> NDArray[np.float64]:
+def _log_kept(runs: BelievedRuns, age: NDArray[np.float64], prior: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) of one state: minus the sum of the hazards up to every age, each the ends over the samples at risk."""
     step, log_age = np.diff(age), np.log(age)
     nearest = np.clip(np.rint(np.log(runs.length) / np.log(RATIO)), 0, len(age) - 1).astype(np.int64)

@@ -9,7 +9,7 @@ from tidemap.history.sequences import Sequences
 from tidemap.history.timebase import TimeBase
 from tidemap.spectral.belief import Detector
 from tidemap.spectral.detection import BELIEVED, MIN_READINGS, ReadCells, learn_detector
-from tidemap.spectral.durations import Durations, Runs
+from tidemap.spectral.durations import BelievedRuns, Durations
 from tidemap.spectral.estimators import fit
 from tidemap.spectral.prediction import predict_readings, predict_times
 from tidemap.spectral.sensor import Sensor
@@ -94,17 +94,20 @@ def test_cells_that_the_model_does_not_know_say_nothing() -> None:
 
 
 def test_runs_that_go_on_hold_the_hazard_down() -> None:
-    ended = Runs(np.ones(40, np.uint8), np.full(40, 30.0), np.ones(40, np.bool_), np.ones(40))
-    going_on = Runs(np.ones(80, np.uint8), np.full(80, 30.0), np.arange(80) < 40, np.ones(80))
-    never = Runs(np.ones(40, np.uint8), np.full(40, 500.0), np.zeros(40, np.bool_), np.ones(40))
+    ended = BelievedRuns(np.ones(40, np.uint8), np.full(40, 30.0), np.ones(40, np.bool_), np.ones(40))
+    going_on = BelievedRuns(np.ones(80, np.uint8), np.full(80, 30.0), np.arange(80) < 40, np.ones(80))
+    never = BelievedRuns(np.ones(40, np.uint8), np.full(40, 500.0), np.zeros(40, np.bool_), np.ones(40))
     kept = [float(Durations.learned(runs, 60.0).kept(1, 10, 25)) for runs in (ended, going_on, never)]
     assert kept[0] < 0.15 < kept[1] < 0.9 < kept[2]
-    nothing = Runs(np.zeros(0, np.uint8), np.zeros(0), np.zeros(0, np.bool_), np.zeros(0))
+    nothing = BelievedRuns(np.zeros(0, np.uint8), np.zeros(0), np.zeros(0, np.bool_), np.zeros(0))
     np.testing.assert_allclose(Durations.learned(nothing, 60.0).log_kept, Durations.believed(60.0).log_kept)
 
 
 def test_of_a_state_that_is_often_drawn_again_more_is_redrawn_than_ends() -> None:
-    ends = [Runs(np.ones(40, np.uint8), np.full(40, 30.0), np.ones(40, np.bool_), np.full(40, p)) for p in (1.0, 0.1)]
+    ends = [
+        BelievedRuns(np.ones(40, np.uint8), np.full(40, 30.0), np.ones(40, np.bool_), np.full(40, p))
+        for p in (1.0, 0.1)
+    ]
     kept = [float(Durations.learned(runs, 60.0).kept(1, 4, 26)) for runs in ends]
     assert kept[1] < kept[0]
 
