@@ -6,7 +6,7 @@ from importlib import import_module
 from docs.paper.document import IMAGES, PAGE, write
 from docs.paper.recordings import missing
 
-PARTS = ("waves", "reproduction", "published", "rooms", "clocks", "costs")
+PARTS = ("waves", "reproduction", "published", "rooms", "clocks", "things", "costs")
 
 
 def main(chosen: list[str]) -> int:

@@ -23,7 +23,6 @@ class Scores:
     mean_absolute_error: float
     accuracy: float
     brier: float
-    f1: float
     calibration: float
 
 
@@ -61,7 +60,6 @@ def filtered(learned: Learned, now: Things, every: int = 1) -> NDArray[np.float3
 def scores(p: NDArray[np.float32], truth: NDArray[np.uint8]) -> Scores:
     """Over all things and samples."""
     off, said = p.astype(np.float64) - truth, p > 0.5
-    hit = (said & (truth == 1)).sum()
     table = reliability(p.ravel(), truth.ravel())
     used = table.count > 0
     apart = np.abs(table.probability_mean - table.observed_rate)[used]
@@ -69,6 +67,5 @@ def scores(p: NDArray[np.float32], truth: NDArray[np.uint8]) -> Scores:
         float(np.abs(off).mean()),
         float((said == truth).mean()),
         float(np.square(off).mean()),
-        float(2 * hit / (said.sum() + truth.sum())),
         float((apart * table.count[used]).sum() / table.count.sum()),
     )

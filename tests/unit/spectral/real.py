@@ -1,7 +1,7 @@
 """Real signals for tests, where ../shared/data has them: see its README."""
 
 import gzip
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from zoneinfo import ZoneInfo
@@ -82,6 +82,10 @@ class Things:
     read: History
     truth: NDArray[np.uint8]
     base: TimeBase
+
+    def of(self, thing: int) -> "Things":
+        """One of them."""
+        return replace(self, read=self.read.cells([thing]), truth=self.truth[[thing]])
 
 
 def room(part: str) -> Things:

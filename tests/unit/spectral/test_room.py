@@ -1,12 +1,10 @@
 """Things in a room seen by a detector that errs: the state that is believed, against Perpetua's own example."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from tests.unit.spectral.filtering import filtered, learn, scores
-from tests.unit.spectral.real import Things, room
+from tests.unit.spectral.real import room
 from tidemap.spectral.sensor import Sensor
 
 PERPETUA_BRIER, PERPETUA_ACCURACY = 0.0084, 0.9902
@@ -15,14 +13,10 @@ EVERY = 7
 """One of so many samples is scored."""
 
 
-def alone(things: Things, thing: int) -> Things:
-    return replace(things, read=things.read.cells([thing]), truth=things.truth[[thing]])
-
-
 @pytest.mark.parametrize("given", [GIVEN, None], ids=["rates given", "rates learned"])
 def test_every_thing_a_location_of_its_own(given: Sensor | None) -> None:
     past, now = room("train"), room("test")
-    p = [filtered(learn(alone(past, thing), given), alone(now, thing), EVERY) for thing in range(8)]
+    p = [filtered(learn(past.of(thing), given), now.of(thing), EVERY) for thing in range(8)]
     found = scores(np.concatenate(p), now.truth[:, ::EVERY])
     assert found.brier <= 0.0058 < PERPETUA_BRIER
     assert found.accuracy >= 0.9925 > PERPETUA_ACCURACY
