@@ -124,3 +124,20 @@ def test_what_is_read_after_the_moment_is_not_known(ctx: Context) -> None:
     assert p(200.0, 69.9) == p(200.0, 10.0), "what was read later in the sample is not known yet"
     assert p(10.0, 10.0) == p(5.0, 10.0) == model, "it is not later than the reading"
     assert p(10.1, 10.0) < model
+
+
+def test_each_of_a_few_cells_keeps_its_state_for_as_long_as_it_does(ctx: Context, database_url: str) -> None:
+    make_location(ctx, "rooms", (2, 2), estimator="static")
+    states = np.array([np.arange(4000) // length % 2 for length in (3, 3, 200, 200)])
+    rows = [(BEGIN + MINUTE * n, cell, int(states[cell, n])) for n in range(4000) for cell in range(4)]
+    post_rows(ctx, "rooms", rows)
+    offset = refit(ctx, "rooms").offset
+    assert offset[0] < 0 < offset[3]
+    last = BEGIN + MINUTE * 3999
+    with opened(database_url) as again:
+        for each in (ctx, again):
+            view = state_at(each, "rooms", StateQuery(last + 30 * MINUTE, given="observations"))
+            sure = np.abs(view.probability - 0.5)
+            assert sure[2:].min() > sure[:2].max() + 0.1
+            twice = PredictQuery([last + 30 * MINUTE], [3, 0, 3], given="observations")
+            assert predict_at(each, "rooms", twice).probability[:, 0].tolist() == view.probability[[3, 0, 3]].tolist()

@@ -14,6 +14,7 @@ from tidemap.services.readings import Readings, readings_at
 from tidemap.services.spectra import Fitted
 from tidemap.spectral.belief import Beliefs
 from tidemap.spectral.conditioning import Evidence, Standing
+from tidemap.spectral.persistence import differing
 from tidemap.spectral.prediction import known, predict
 from tidemap.spectral.sensor import Sensor
 from tidemap.storage.records import CHUNK_CELLS, LocationRecord
@@ -51,8 +52,16 @@ class Known:
         """The same by samples."""
         if isinstance(self.evidence, Beliefs):
             return self.evidence.condition(probability, sample, self.standing)
-        scale = (self.model.location.interval_s, self.model.revision.persistence)
-        return self.evidence.condition(probability, sample, *scale, self.standing)
+        interval_s, revision = self.model.location.interval_s, self.model.revision
+        if not revision.offset:
+            return self.evidence.condition(probability, sample, interval_s, revision.persistence, self.standing)
+        own = np.array([revision.offset.get(cell, 0.0) for cell in self.cell.tolist()])
+        found = np.empty(probability.shape, np.float32)
+        for offset in np.unique(own).tolist():
+            rows, persistence = np.flatnonzero(own == offset), differing(revision.persistence, offset)
+            some = self.evidence.rows(rows)
+            found[rows] = some.condition(probability[rows], sample, interval_s, persistence, self.standing)
+        return found
 
     def at(self, probability: NDArray[np.float32], time: float) -> NDArray[np.float32]:
         """The model's p (n,) at one time, conditioned as in `condition`."""

@@ -1,6 +1,6 @@
 """Update: refit spectrum and outliers of a location from its history (the paper's model update)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -11,16 +11,17 @@ from tidemap.history.sequences import Sequences
 from tidemap.services.compaction import compact, forget
 from tidemap.services.context import Context
 from tidemap.services.history import window
-from tidemap.services.sampling import measured, sample_cells, seen_samples
+from tidemap.services.sampling import SampledCells, measured, sample_cells, seen_samples
 from tidemap.services.update_task import ChunkFit, Executor, Plan, UpdateTask, run_task
 from tidemap.spectral.auto.selection import Choice, choose
 from tidemap.spectral.belief import Detector
 from tidemap.spectral.conditioning import Persistence
 from tidemap.spectral.detection import ReadCells, learn_detector
 from tidemap.spectral.model import fit_part
-from tidemap.spectral.persistence import learn_persistence
+from tidemap.spectral.persistence import learn_lasting, learn_persistence
 from tidemap.spectral.prediction import predict_readings
 from tidemap.spectral.sensor import Sensor
+from tidemap.spectral.spectrum import Spectrum
 from tidemap.spectral.window import fft_window
 from tidemap.storage.records import LocationRecord, RevisionRecord
 from tidemap.storage.work import Work
@@ -29,6 +30,8 @@ SELECTION_CELLS = 64
 """Changing cells that decide for all."""
 PERSISTENCE_CELLS = 16
 """Changing cells, or chunks that they are looked for in, that tell how long states last."""
+MAX_DIFFERING = 64
+"""Cells of a location up to which each may have states that last longer or shorter than the others'."""
 ORDERS = (1, 2, 3, 5, 10, 15)
 """Orders of `fft` that are tried."""
 
@@ -130,7 +133,16 @@ def _limited(now: LocationRecord, before: LocationRecord) -> LocationRecord:
     )
 
 
-def _learned(ctx: Context, plan: Plan, check: Callable[[], None]) -> tuple[Persistence, Detector | None]:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Learned:
+    """How long states last at a location, by cell where they differ, and what errs in reading them."""
+
+    persistence: Persistence
+    offset: Mapping[int, float]
+    detector: Detector | None
+
+
+def _learned(ctx: Context, plan: Plan, check: Callable[[], None]) -> _Learned:
     """How long states last, learned from some changing cells, and what errs in reading them.
 
     Their fit leaves out what is followed of the last day: it is no rhythm that a reading could add to.
@@ -140,14 +152,23 @@ def _learned(ctx: Context, plan: Plan, check: Callable[[], None]) -> tuple[Persi
     recipe = replace(plan.recipe, carry_over=0.0)
     check()
     spectrum = fit_part(sampled.history, recipe, location.base, (plan.start, plan.stop))
-    persistence = learn_persistence(sampled.history, spectrum, location.base)
-    if location.sensor is None:
-        return persistence, None
+    if location.n_cells > MAX_DIFFERING:
+        persistence, offset = learn_persistence(sampled.history, spectrum, location.base), {}
+    else:
+        lasting = learn_lasting(sampled.history, spectrum, location.base)
+        pairs = zip(sampled.cell.tolist(), lasting.offset.round(2).tolist(), strict=True)
+        persistence, offset = lasting.persistence, {cell: value for cell, value in pairs if value}
+    detector = None if location.sensor is None else _detector(ctx, location, sampled, spectrum)
+    return _Learned(persistence, offset, detector)
+
+
+def _detector(ctx: Context, location: LocationRecord, sampled: SampledCells, spectrum: Spectrum) -> Detector:
+    """What reads the cells, learned from some of them and their spectrum."""
     sequences = Sequences.of(measured(ctx, location, sampled))
     p = predict_readings(spectrum, np.arange(spectrum.n_cells), sequences, location.base).astype(np.float64)
     read = ReadCells(sequences, p, location.hold_samples or 0)
     given = location.sensor if isinstance(location.sensor, Sensor) else None
-    return persistence, learn_detector(read, location.interval_s, given)
+    return learn_detector(read, location.interval_s, given)
 
 
 def _asked_samples(location: LocationRecord, history: tuple[int, int], request: UpdateRequest) -> tuple[int, int]:
@@ -181,7 +202,7 @@ def _revision(
     plan: Plan,
     tried: Choice | None,
     accuracy: float | None,
-    learned: tuple[Persistence, Detector | None],
+    learned: _Learned,
 ) -> RevisionRecord:
     return RevisionRecord(
         location_id=plan.location.id,
@@ -194,8 +215,9 @@ def _revision(
         accuracy=accuracy,
         updated_at=ctx.clock(),
         selection=None if tried is None else _wire(tried),
-        persistence=learned[0],
-        detector=learned[1],
+        persistence=learned.persistence,
+        offset=learned.offset,
+        detector=learned.detector,
     )
 
 

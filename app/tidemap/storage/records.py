@@ -1,8 +1,8 @@
 """Rows as the services see them."""
 
 import json
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import Any, Final, Literal
 
@@ -127,6 +127,7 @@ class RevisionRecord:
     """One update: samples [start, stop) were fitted; `observation_seq` and `measurements` were known then.
 
     persistence: how long states last, as the update learned it; by default what is believed without having learned.
+    offset: by cell, where its ln τ differs from that.
     detector: the same as read by a sensor that errs, where the location had one.
     """
 
@@ -142,6 +143,7 @@ class RevisionRecord:
     selection: dict[str, Any] | None
     persistence: Persistence = UNLEARNED
     detector: Detector | None = None
+    offset: Mapping[int, float] = field(default_factory=dict)
 
     @classmethod
     def of(cls, row: RowMapping) -> "RevisionRecord":
@@ -149,12 +151,11 @@ class RevisionRecord:
         what = f"revision {row['revision']}"
         recipe = Recipe.from_dict(unpack_json(row["recipe"], f"the recipe of {what}"))
         selection = row["selection"] and unpack_json(row["selection"], f"the selection of {what}")
-        learned = row["persistence"]
-        persistence = Persistence(**unpack_json(learned, f"the persistence of {what}")) if learned else UNLEARNED
-        seen = row["detector"] and Detector.from_dict(unpack_json(row["detector"], f"the detector of {what}"))
-        return cls(
-            **{**row, "recipe": recipe, "selection": selection, "persistence": persistence, "detector": seen or None}
-        )
+        learned = unpack_json(row["persistence"], f"the persistence of {what}") if row["persistence"] else {}
+        offset = {int(cell): float(value) for cell, value in learned.pop("offset", [])}
+        read = row["detector"] and Detector.from_dict(unpack_json(row["detector"], f"the detector of {what}"))
+        lasting = {"persistence": Persistence(**learned) if learned else UNLEARNED, "offset": offset}
+        return cls(**{**row, "recipe": recipe, "selection": selection, "detector": read or None, **lasting})
 
     @property
     def estimator(self) -> str:
