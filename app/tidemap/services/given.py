@@ -15,7 +15,7 @@ from tidemap.services.spectra import Fitted
 from tidemap.spectral.belief import Beliefs
 from tidemap.spectral.conditioning import Evidence, Standing
 from tidemap.spectral.persistence import differing
-from tidemap.spectral.prediction import known, predict
+from tidemap.spectral.prediction import predict
 from tidemap.spectral.sensor import Sensor
 from tidemap.storage.records import CHUNK_CELLS, LocationRecord
 
@@ -135,7 +135,7 @@ class _Version:
 def _kept(ctx: Context, model: Fitted, cells: NDArray[np.int64]) -> KeptEvidence | None:
     """What is kept of the latest readings of these cells; None where it is neither kept nor worth being kept."""
     location = model.location
-    whole = known(model.spectrum)
+    whole = model.loaded.known
     key = (location.id, model.revision.recipe)
     counted = (location.observation_seq, location.first_time, location.deleted)
     version = _Version(model.revision.revision, *counted, location.sensor)

@@ -11,34 +11,41 @@ from tidemap.errors import CorruptChunkError
 from tidemap.history.history import History
 from tidemap.services.context import Context
 from tidemap.services.history import read_compacted
-from tidemap.spectral.window import PAUSE_S
 from tidemap.storage.records import CHUNK_CELLS, LocationRecord
-
-PAUSE_CHUNKS = 8
-"""Chunks whose pauses are those of all."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampledCells:
-    """Some cells (n,) of a location and their history."""
+    """Some changing cells (n,) of a location and their history; seen: the samples in which any of their chunks was."""
 
     cell: NDArray[np.int64]
     history: History
+    seen: NDArray[np.int64]
+
+    def thinned(self, n_cells: int) -> "SampledCells":
+        """`n_cells` at most of the cells, or up to twice as many, spread evenly."""
+        some = slice(None, None, max(1, len(self.cell) // n_cells))
+        return replace(self, cell=self.cell[some], history=self.history.cells(np.arange(self.history.n_cells)[some]))
+
+    def seen_in(self, start: int, stop: int) -> NDArray[np.int64]:
+        """The samples [start, stop) in which something was seen."""
+        return self.seen[(self.seen >= start) & (self.seen < stop)]
 
 
 def sample_cells(
     ctx: Context, location: LocationRecord, samples: tuple[int, int], check: Callable[[], None], n_cells: int
 ) -> SampledCells:
-    """About `n_cells` to four times as many changing cells, spread evenly over some chunks that can be read."""
+    """About `n_cells` to four times as many changing cells, spread evenly over as many chunks that can be read."""
     n_chunks = min(location.n_chunks, n_cells)
-    cells, parts = [np.zeros(0, np.int64)], []
+    cells, parts, seen = [np.zeros(0, np.int64)], [], np.zeros(0, np.int64)
     for chunk, history in _sample_chunks(ctx, location, samples, check, n_chunks):
         occupied = history.count_occupied()
         changing = np.flatnonzero((occupied > 0) & (occupied < history.count_observed()))
         some = changing[:: max(1, len(changing) * n_chunks // (4 * n_cells))]
         cells.append(chunk * CHUNK_CELLS + some)
         parts.append(history.cells(some))
-    return SampledCells(np.concatenate(cells), _stacked(parts, *samples))
+        seen = np.union1d(seen, history.seen())
+    return SampledCells(np.concatenate(cells), _stacked(parts, *samples), seen)
 
 
 def _stacked(parts: Sequence[History], start: int, stop: int) -> History:
@@ -60,16 +67,6 @@ def measured(ctx: Context, location: LocationRecord, sampled: SampledCells) -> H
         for chunk in np.unique(chunks).tolist()
     ]
     return _stacked(parts, *window)
-
-
-def seen_samples(
-    ctx: Context, location: LocationRecord, samples: tuple[int, int], check: Callable[[], None]
-) -> NDArray[np.int64]:
-    """The samples in which something was seen in some chunks; all where they are too few for a pause."""
-    if (samples[1] - samples[0]) * location.interval_s <= PAUSE_S:
-        return np.arange(*samples)
-    seen = [history.seen() for _, history in _sample_chunks(ctx, location, samples, check, PAUSE_CHUNKS)]
-    return np.unique(np.concatenate([np.zeros(0, np.int64), *seen]))
 
 
 def _sample_chunks(

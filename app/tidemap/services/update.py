@@ -5,13 +5,15 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tidemap.errors import CorruptChunkError, InvalidInputError
+from tidemap.history.history import History
 from tidemap.history.sequences import Sequences
 from tidemap.services.compaction import compact, forget
 from tidemap.services.context import Context
 from tidemap.services.history import window
-from tidemap.services.sampling import SampledCells, measured, sample_cells, seen_samples
+from tidemap.services.sampling import SampledCells, measured, sample_cells
 from tidemap.services.update_task import ChunkFit, Executor, Plan, UpdateTask, run_task
 from tidemap.spectral.auto.selection import Choice, choose
 from tidemap.spectral.belief import Detector
@@ -22,14 +24,14 @@ from tidemap.spectral.persistence import learn_lasting, learn_persistence
 from tidemap.spectral.prediction import predict_readings
 from tidemap.spectral.sensor import Sensor
 from tidemap.spectral.spectrum import Spectrum
-from tidemap.spectral.window import fft_window
+from tidemap.spectral.window import PAUSE_S, fft_window
 from tidemap.storage.records import LocationRecord, RevisionRecord
 from tidemap.storage.work import Work
 
 SELECTION_CELLS = 64
 """Changing cells that decide for all."""
 PERSISTENCE_CELLS = 16
-"""Changing cells, or chunks that they are looked for in, that tell how long states last."""
+"""Changing cells, up to four times as many, that tell how long states last, and chunks that they are looked for in."""
 MAX_DIFFERING = 64
 """Cells of a location up to which each may have states that last longer or shorter than the others'."""
 ORDERS = (1, 2, 3, 5, 10, 15)
@@ -65,9 +67,9 @@ def run_update(
     compact(ctx, location, executor.check)
     forget(ctx, location)
     progress(0.1)
-    plan, tried = _plan(ctx, location, request, executor.check)
+    plan, tried, sampled = _plan(ctx, location, request, executor.check)
     fits = _fit_chunks(ctx, plan, executor, progress)
-    record = _revision(ctx, plan, tried, _accuracy(fits), _learned(ctx, plan, executor.check))
+    record = _revision(ctx, plan, tried, _accuracy(fits), _learned(ctx, plan, sampled, executor.check))
 
     def publish(work: Work) -> None:
         work.spectra.publish(record)
@@ -105,19 +107,29 @@ def _accuracy(fits: list[ChunkFit]) -> float | None:
 
 def _plan(
     ctx: Context, before: LocationRecord, request: UpdateRequest, check: Callable[[], None]
-) -> tuple[Plan, Choice | None]:
-    """The plan of an update of what had come in `before`, and how `auto` chose; what came in since waits."""
+) -> tuple[Plan, Choice | None, SampledCells]:
+    """The plan of an update of what had come in `before`, how `auto` chose, and some of the cells; what came in since
+    waits."""
     with ctx.store.read() as work:
         location = _limited(work.locations.by_id(before.id), before)
         number = work.spectra.next_number(location.id)
     history = window(ctx, location)
     asked = _asked_samples(location, history, request)
-    selection = _select(ctx, location, asked, request, check)
+    settled = _settled(location, request)
+    sampled = sample_cells(ctx, location, history, check, PERSISTENCE_CELLS if settled else SELECTION_CELLS)
+    selection = settled or _selected(location, sampled.history.window(*asked), request, check)
     start, stop = asked
     if selection.estimator == "fft" and request.start is None and request.stop is None:
-        start, stop = fft_window(seen_samples(ctx, location, asked, check), start, stop, location.interval_s)
-    tried = selection if selection.reason else None
-    return Plan(location, number, selection.recipe, start, stop, history), tried
+        start, stop = fft_window(_seen(sampled, asked, location.interval_s), start, stop, location.interval_s)
+    plan = Plan(location, number, selection.recipe, start, stop, history)
+    return plan, selection if selection.reason else None, sampled
+
+
+def _seen(sampled: SampledCells, samples: tuple[int, int], interval_s: float) -> NDArray[np.int64]:
+    """The samples in which something was seen; all where they are too few for a pause."""
+    if (samples[1] - samples[0]) * interval_s <= PAUSE_S:
+        return np.arange(*samples)
+    return sampled.seen_in(*samples)
 
 
 def _limited(now: LocationRecord, before: LocationRecord) -> LocationRecord:
@@ -142,13 +154,12 @@ class _Learned:
     detector: Detector | None
 
 
-def _learned(ctx: Context, plan: Plan, check: Callable[[], None]) -> _Learned:
+def _learned(ctx: Context, plan: Plan, some: SampledCells, check: Callable[[], None]) -> _Learned:
     """How long states last, learned from some changing cells, and what errs in reading them.
 
     Their fit leaves out what is followed of the last day: it is no rhythm that a reading could add to.
     """
-    location = plan.location
-    sampled = sample_cells(ctx, location, plan.history, check, PERSISTENCE_CELLS)
+    location, sampled = plan.location, some.thinned(4 * PERSISTENCE_CELLS)
     recipe = replace(plan.recipe, carry_over=0.0)
     check()
     spectrum = fit_part(sampled.history, recipe, location.base, (plan.start, plan.stop))
@@ -182,19 +193,27 @@ def _asked_samples(location: LocationRecord, history: tuple[int, int], request: 
     return start, stop
 
 
-def _select(
-    ctx: Context, location: LocationRecord, samples: tuple[int, int], request: UpdateRequest, check: Callable[[], None]
-) -> Choice:
-    """`auto`, within what the request and the location leave open; without a reason where they leave nothing."""
-    estimator = request.estimator or location.estimator
+def _wanted(location: LocationRecord, request: UpdateRequest) -> tuple[str, int | str]:
+    """Estimator and order, `auto` where the request and the location leave them open."""
     order = request.order if request.order is not None else (location.order or "auto")
+    return request.estimator or location.estimator, order
+
+
+def _settled(location: LocationRecord, request: UpdateRequest) -> Choice | None:
+    """The choice, without a reason, where the request and the location leave nothing open."""
+    estimator, order = _wanted(location, request)
     if estimator == "static":
         return Choice(estimator, 0, (), "", 0, location.time_zone)
     if estimator == "fft" and isinstance(order, int):
         return Choice(estimator, order, (), "", 0, location.time_zone)
+    return None
+
+
+def _selected(location: LocationRecord, history: History, request: UpdateRequest, check: Callable[[], None]) -> Choice:
+    """`auto`, within what the request and the location leave open."""
+    estimator, order = _wanted(location, request)
     orders = ORDERS if order == "auto" else (int(order),)
-    sampled = sample_cells(ctx, location, samples, check, SELECTION_CELLS)
-    return choose(sampled.history, location.base, orders, SELECTION_CELLS, location.time_zone, estimator, check)
+    return choose(history, location.base, orders, SELECTION_CELLS, location.time_zone, estimator, check)
 
 
 def _revision(
