@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from tests.support.contexts import NOW, compact_now, make_location, opened, post_rows, post_states, refit
 from tests.unit.spectral.filtering import filtered, learn
 from tests.unit.spectral.real import room
+from tidemap.api.views.locations import location_changes
 from tidemap.history.history import UNOBSERVED
 from tidemap.history.sequences import Sequences
 from tidemap.schemas.locations import LocationPatch
@@ -70,10 +71,10 @@ def test_what_a_sensor_is_worth_can_be_changed_at_any_time(ctx: Context) -> None
     last = door(ctx)
     true = probability(ctx, "door", last + 1)
     for sensor, doubted in (({"miss": 0.4, "false_alarm": 0.4}, True), ("learn", False), (None, False)):
-        change_location(ctx, "door", LocationPatch.model_validate({"sensor": sensor}))
+        change_location(ctx, "door", location_changes(LocationPatch.model_validate({"sensor": sensor})))
         found = probability(ctx, "door", last + 1)
         assert (abs(found - true) > 0.01) == doubted, "nothing was learned yet"
-    change_location(ctx, "door", LocationPatch.model_validate({"sensor": "learn"}))
+    change_location(ctx, "door", {"sensor": "learn"})
     refit(ctx, "door")
     assert abs(probability(ctx, "door", last + 1) - true) > 0.01
 

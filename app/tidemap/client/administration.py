@@ -19,6 +19,7 @@ from tidemap.schemas.locations import (
     Location,
     Missing,
     OrderChoice,
+    Position,
     SensorRates,
 )
 
@@ -78,12 +79,15 @@ class ClientOperations(AnomalyOperations, Generic[Handle]):
         retention: float | None = None,
         min_cells: int | None = None,
         sensor: SensorRates | Mapping[str, float] | Literal["learn"] | None = None,
+        calendar: str | None = None,
+        pose: Position | Mapping[str, Any] | None = None,
     ) -> Plan[Handle]:
         """Make a location and return its handle; what is left out is the server's default.
 
         `interval_s` is the length of a sample in seconds, `time_zone` an IANA name, `grid` the cells of the
         kinds grid2d and grid3d: frame, origin (metres), resolution_m and shape. `sensor` says how often the sensor
-        errs: miss and false_alarm, or "learn".
+        errs: miss and false_alarm, or "learn". `calendar` is an ISO 3166 code (GB, DE-BY), whose public holidays count
+        as Sundays; `pose` is where the location stands (frame, position).
         """
         form = present(
             name=name,
@@ -101,6 +105,8 @@ class ClientOperations(AnomalyOperations, Generic[Handle]):
             retention=retention,
             min_cells=min_cells,
             sensor=sensor.model_dump() if isinstance(sensor, SensorRates) else sensor,
+            calendar=calendar,
+            pose=pose.model_dump() if isinstance(pose, Position) else pose,
         )
         location = yield from ask(Location, post(f"{self.path}/locations", form, repeatable=False))
         return self.location(location.name)

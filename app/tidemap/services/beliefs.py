@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.errors import CorruptChunkError
+from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.history import NEVER
 from tidemap.history.sequences import Sequences
 from tidemap.services.context import Context, KeptEvidence
@@ -14,7 +15,7 @@ from tidemap.spectral.belief import Beliefs, Detector
 from tidemap.spectral.durations import Durations
 from tidemap.spectral.prediction import predict_readings
 from tidemap.spectral.sensor import Sensor
-from tidemap.storage.records import CHUNK_CELLS, LEARN, LocationRecord
+from tidemap.storage.records import LEARN, LocationRecord
 
 MAX_READINGS, MIN_READINGS = 4096, 64
 """Of a cell, that its belief is filtered from: fewer where there are many cells."""

@@ -6,6 +6,7 @@ from typing import Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.history import OCCUPIED
 from tidemap.services.beliefs import beliefs_at, detector_of
 from tidemap.services.context import Context, KeptEvidence
@@ -16,8 +17,7 @@ from tidemap.spectral.belief import Beliefs
 from tidemap.spectral.conditioning import Evidence, Standing
 from tidemap.spectral.persistence import differing
 from tidemap.spectral.prediction import predict
-from tidemap.spectral.sensor import Sensor
-from tidemap.storage.records import CHUNK_CELLS, LocationRecord
+from tidemap.storage.records import LocationRecord, SensorSetting
 
 Given = Literal["observations", "model"]
 """What an answer is conditioned on: what was read last of each cell, or nothing."""
@@ -129,7 +129,7 @@ class _Version:
     observations: int
     first_time: float | None
     deleted: int
-    sensor: Sensor | Literal["learn"] | None
+    sensor: SensorSetting | None
 
 
 def _kept(ctx: Context, model: Fitted, cells: NDArray[np.int64]) -> KeptEvidence | None:

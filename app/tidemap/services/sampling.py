@@ -1,6 +1,6 @@
 """Sampling: some chunks and changing cells of a location, which stand for all of them in an update."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.errors import CorruptChunkError
+from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.history import History
 from tidemap.services.context import Context
 from tidemap.services.history import read_compacted
-from tidemap.storage.records import CHUNK_CELLS, LocationRecord
+from tidemap.storage.records import LocationRecord
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,36 +38,30 @@ def sample_cells(
 ) -> SampledCells:
     """About `n_cells` to four times as many changing cells, spread evenly over as many chunks that can be read."""
     n_chunks = min(location.n_chunks, n_cells)
-    cells, parts, seen = [np.zeros(0, np.int64)], [], np.zeros(0, np.int64)
+    cells, seen = [np.zeros(0, np.int64)], np.zeros(0, np.int64)
+    parts = [History.empty(0, samples[0], samples[1] - samples[0])]
     for chunk, history in _sample_chunks(ctx, location, samples, check, n_chunks):
-        occupied = history.count_occupied()
-        changing = np.flatnonzero((occupied > 0) & (occupied < history.count_observed()))
+        changing = history.changing()
         some = changing[:: max(1, len(changing) * n_chunks // (4 * n_cells))]
         cells.append(chunk * CHUNK_CELLS + some)
         parts.append(history.cells(some))
         seen = np.union1d(seen, history.seen())
-    return SampledCells(np.concatenate(cells), _stacked(parts, *samples), seen)
-
-
-def _stacked(parts: Sequence[History], start: int, stop: int) -> History:
-    """The cells of histories of the samples [start, stop), one after the other."""
-    every = (History.empty(0, start, stop - start), *parts)
-    planes = (np.concatenate([part.observed for part in every]), np.concatenate([part.occupied for part in every]))
-    return History(start, stop - start, *planes)
+    return SampledCells(np.concatenate(cells), History.stack(parts), seen)
 
 
 def measured(ctx: Context, location: LocationRecord, sampled: SampledCells) -> History:
     """What was measured of sampled cells: without what is held after it."""
     history = sampled.history
-    if location.hold_samples is None:
+    if location.hold_samples is None or not history.n_cells:
         return history
     as_read, window = replace(location, missing="mask"), (history.start, history.stop)
     chunks = sampled.cell // CHUNK_CELLS
-    parts = [
-        read_compacted(ctx, as_read, chunk, *window).cells(sampled.cell[chunks == chunk] % CHUNK_CELLS)
-        for chunk in np.unique(chunks).tolist()
-    ]
-    return _stacked(parts, *window)
+    return History.stack(
+        [
+            read_compacted(ctx, as_read, chunk, *window).cells(sampled.cell[chunks == chunk] % CHUNK_CELLS)
+            for chunk in np.unique(chunks).tolist()
+        ]
+    )
 
 
 def _sample_chunks(

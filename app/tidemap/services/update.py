@@ -19,6 +19,7 @@ from tidemap.spectral.auto.selection import Choice, choose
 from tidemap.spectral.belief import Detector
 from tidemap.spectral.conditioning import Persistence
 from tidemap.spectral.detection import ReadCells, learn_detector
+from tidemap.spectral.evaluation import accuracy
 from tidemap.spectral.model import fit_part
 from tidemap.spectral.persistence import learn_lasting, learn_persistence
 from tidemap.spectral.prediction import predict_readings
@@ -69,7 +70,8 @@ def run_update(
     progress(0.1)
     plan, tried, sampled = _plan(ctx, location, request, executor.check)
     fits = _fit_chunks(ctx, plan, executor, progress)
-    record = _revision(ctx, plan, tried, _accuracy(fits), _learned(ctx, plan, sampled, executor.check))
+    fitted_share = accuracy(sum(fit.outliers for fit in fits), sum(fit.observed for fit in fits))
+    record = _revision(ctx, plan, tried, fitted_share, _learned(ctx, plan, sampled, executor.check))
 
     def publish(work: Work) -> None:
         work.spectra.publish(record)
@@ -97,12 +99,6 @@ def _fit_chunks(ctx: Context, plan: Plan, executor: Executor, progress: Callable
     if not damage:
         ctx.damage.forget(plan.location.id)
     return fits
-
-
-def _accuracy(fits: list[ChunkFit]) -> float | None:
-    """The share of observed samples that are no outliers; None where nothing was observed."""
-    observed = sum(fit.observed for fit in fits)
-    return 1 - sum(fit.outliers for fit in fits) / observed if observed else None
 
 
 def _plan(
@@ -203,9 +199,9 @@ def _settled(location: LocationRecord, request: UpdateRequest) -> Choice | None:
     """The choice, without a reason, where the request and the location leave nothing open."""
     estimator, order = _wanted(location, request)
     if estimator == "static":
-        return Choice(estimator, 0, (), "", 0, location.time_zone)
+        return Choice(estimator, 0, (), "", 0, location.time_zone, calendar=location.calendar)
     if estimator == "fft" and isinstance(order, int):
-        return Choice(estimator, order, (), "", 0, location.time_zone)
+        return Choice(estimator, order, (), "", 0, location.time_zone, calendar=location.calendar)
     return None
 
 
@@ -213,7 +209,8 @@ def _selected(location: LocationRecord, history: History, request: UpdateRequest
     """`auto`, within what the request and the location leave open."""
     estimator, order = _wanted(location, request)
     orders = ORDERS if order == "auto" else (int(order),)
-    return choose(history, location.base, orders, SELECTION_CELLS, location.time_zone, estimator, check)
+    zone = (location.time_zone, estimator, check, location.calendar)
+    return choose(history, location.base, orders, SELECTION_CELLS, *zone)
 
 
 def _revision(
@@ -233,15 +230,15 @@ def _revision(
         measurements=plan.location.observations,
         accuracy=accuracy,
         updated_at=ctx.clock(),
-        selection=None if tried is None else _wire(tried),
+        selection=None if tried is None else _stored(tried),
         persistence=learned.persistence,
         offset=learned.offset,
         detector=learned.detector,
     )
 
 
-def _wire(selection: Choice) -> dict[str, Any]:
-    """The choice as the API shows it."""
+def _stored(selection: Choice) -> dict[str, Any]:
+    """The choice as it is kept; a score that is no number is null."""
     rows = [asdict(row) for row in selection.table]
     for row in rows:
         row.update({name: None for name in ("error", "brier", "log_loss") if row[name] != row[name]})

@@ -2,24 +2,38 @@
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cached_property, lru_cache
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy import RowMapping
 
 from tidemap.errors import CorruptChunkError
+from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.timebase import TimeBase
-from tidemap.space.grid import SINGLE, GridGeometry
+from tidemap.history.values import ValueKind
+from tidemap.space.grid import SINGLE, Extent, GridGeometry
+from tidemap.space.pose import FramedPosition
 from tidemap.spectral.belief import Detector
 from tidemap.spectral.conditioning import UNLEARNED, Persistence
 from tidemap.spectral.recipe import Recipe
 from tidemap.spectral.sensor import Sensor
 from tidemap.storage.blobs import unpack_json
 
-CHUNK_CELLS = 1024
+KINDS = {
+    "state": (Extent.SINGLE, ValueKind.STATE),
+    "grid2d": (Extent.PLANE, ValueKind.STATE),
+    "grid3d": (Extent.VOLUME, ValueKind.STATE),
+}
+"""What a location's `kind` says of how its cells lie, and of what they hold."""
+
+
+LEARN: Final = "learn"
+"""A location's `sensor` whose rates the updates learn."""
+SensorSetting: TypeAlias = Sensor | Literal["learn"]
+"""A location's `sensor`."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +55,9 @@ class LocationRecord:
     combine: str
     retention_s: float | None
     min_cells: int
-    sensor: Sensor | Literal["learn"] | None
+    sensor: SensorSetting | None
+    calendar: str | None
+    pose: FramedPosition | None
     created_at: float
     observation_seq: int
     compacted_seq: int
@@ -54,7 +70,24 @@ class LocationRecord:
     @classmethod
     def of(cls, row: RowMapping) -> "LocationRecord":
         """From a row of the table."""
-        return cls(**{**row, "grid": grid_of(row["grid"]), "sensor": sensor_of(row["sensor"])})
+        own = {"grid": grid_of(row["grid"]), "pose": position_of(row["pose"]), "sensor": sensor_of(row["sensor"])}
+        return cls(**{**row, **own})
+
+    @property
+    def extent(self) -> Extent:
+        """How its cells lie. Raises ValueError for a kind that is not known."""
+        return self._meaning[0]
+
+    @property
+    def value(self) -> ValueKind:
+        """What its cells hold. Raises ValueError for a kind that is not known."""
+        return self._meaning[1]
+
+    @property
+    def _meaning(self) -> tuple[Extent, ValueKind]:
+        if self.kind not in KINDS:
+            raise ValueError(f"{self.kind!r} is no kind of location")
+        return KINDS[self.kind]
 
     @cached_property
     def base(self) -> TimeBase:
@@ -63,7 +96,7 @@ class LocationRecord:
 
     @cached_property
     def cells(self) -> GridGeometry:
-        """Its grid; that of a `state` has one cell."""
+        """Its grid; without one, its one cell."""
         return self.grid or SINGLE
 
     @property
@@ -109,17 +142,30 @@ def grid_of(text: str | None) -> GridGeometry | None:
     return GridGeometry(value["frame"], tuple(value["origin"]), value["resolution_m"], tuple(value["shape"]))
 
 
-LEARN: Final = "learn"
-"""A location's `sensor` whose rates the updates learn."""
+@lru_cache
+def position_of(text: str | None) -> FramedPosition | None:
+    """A position from its stored JSON."""
+    if text is None:
+        return None
+    value = json.loads(text)
+    return FramedPosition(value["frame"], tuple(value["position"]))
 
 
 @lru_cache
-def sensor_of(text: str | None) -> Sensor | Literal["learn"] | None:
-    """A sensor from its stored JSON; ValueError where it is none."""
+def sensor_of(text: str | None) -> SensorSetting | None:
+    """A sensor from its stored JSON; ValueError or TypeError where it is none."""
     if text is None:
         return None
     value = json.loads(text)
     return LEARN if value == LEARN else Sensor(**value)
+
+
+def text_of(value: GridGeometry | FramedPosition | SensorSetting | None) -> str | None:
+    """A grid, a position or a sensor as the JSON that is stored of it."""
+    if value is None:
+        return None
+    plain = value if isinstance(value, str) else asdict(value)
+    return json.dumps(plain, separators=(",", ":"), ensure_ascii=False)
 
 
 @dataclass(frozen=True)
