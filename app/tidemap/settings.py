@@ -138,7 +138,7 @@ class Settings(BaseSettings):
     history_cache_bytes: int = Field(256 * 2**20, ge=0, description="Memory for unpacked history.")
     spectrum_cache_bytes: int = Field(512 * 2**20, ge=0, description="Memory for spectra.")
     reading_cache_bytes: int = Field(
-        128 * 2**20, ge=0, description="Memory for what was read last of each cell, 17 bytes a cell."
+        128 * 2**20, ge=0, description="Memory for what was read last of each cell, 17 to 20 bytes a cell."
     )
     surface_cache_bytes: int = Field(
         64 * 2**20, ge=0, description="Memory for the expected surfaces that scans are aligned to, 160 bytes a cell."

@@ -18,6 +18,7 @@ FOLDER = ROOT.parent / "shared" / "data"
 OFFICE = ("office/week.csv.gz", "office/day_1.csv.gz", "office/day_2.csv.gz", "office/day_3.csv.gz")
 ARUBA = ("aruba/rooms.csv.gz",)
 BRAINS4BUILDINGS = ("brains4buildings/b4b_preprocess_properties.parquet",)
+ROOM = ("room/train.npz", "room/test.npz")
 SECONDS = TimeBase(0.0, 1.0)
 DAY_S = 86_400
 WEEK_MINUTES = 7 * 1440
@@ -50,6 +51,12 @@ def aruba() -> real.Real:
 def brains4buildings() -> real.Real:
     """Two rooms every quarter of an hour, over the end of summer time."""
     return real.brains4buildings()
+
+
+@cache
+def room(part: str) -> real.Things:
+    """Eight things seen by a detector that errs, for three hours: `train` or `test`."""
+    return real.room(part)
 
 
 def history(signal: Signal) -> History:

@@ -80,6 +80,15 @@ LOCATIONS = [
     location({"pose": [0, 1, 2]}, "pose"),
     *(location({"retention": value}, "retention") for value in (0, -5, INFINITY, 1e300)),
     *(location({"min_cells": value}, "min_cells") for value in (0, -1, 1.5, 2**31, 10**30)),
+    *(
+        location({"sensor": {"miss": 0.1, "false_alarm": 0.1, name: value}}, f"sensor.{name}")
+        for name in ("miss", "false_alarm")
+        for value in (0.5, -0.01, 1, NAN, "0.1", True, None)
+    ),
+    location({"sensor": {"miss": 0.1}}, "sensor.false_alarm", "missing"),
+    location({"sensor": {"miss": 0.1, "false_alarm": 0.1, "noise": 0.1}}, "sensor.noise", "not known"),
+    *(location({"sensor": value}, "sensor") for value in ("guess", "", 0.1, [0.1, 0.1], True)),
+    form(DOOR, {"sensor": {"miss": 0.7, "false_alarm": 0}}, "sensor.miss", "less than 0.5", method="PATCH"),
     location({"kind": "grid3d"}, None, "grid"),
     location({"kind": "grid2d"}, None, "grid"),
     location({"grid": GRID}, None, "grid"),

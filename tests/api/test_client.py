@@ -18,6 +18,7 @@ from tests.support.server import ServerProcess, StartServer
 from tests.support.waiting import WAIT_S, until
 from tidemap.client import AsyncClient, Client, RetryPolicy, TidemapError
 from tidemap.client.operation import Awaited
+from tidemap.schemas.locations import SensorRates
 
 DAY_S = 86400.0
 START = 1_767_225_600.0  # 2026-01-01 00:00 UTC, a Thursday
@@ -252,9 +253,11 @@ def test_a_time_without_zone_is_refused_before_anything_is_sent(client: Any, nam
 
 
 def test_patch_and_delete(client: Any, name: str) -> None:
-    handle = client.create_location(name, interval_s=60, retention=DAY_S)
-    assert handle.patch(name=f"{name}-2", confidence=0.75, retention=None).confidence == 0.75
-    assert (handle.name, handle.get().retention) == (f"{name}-2", None)
+    sensor = SensorRates(miss=0.1, false_alarm=0.02)
+    handle = client.create_location(name, interval_s=60, retention=DAY_S, sensor=sensor)
+    assert handle.get().sensor == sensor
+    assert handle.patch(name=f"{name}-2", confidence=0.75, retention=None, sensor="learn").confidence == 0.75
+    assert (handle.name, handle.get().retention, handle.get().sensor) == (f"{name}-2", None, "learn")
     handle.delete()
     with pytest.raises(TidemapError) as caught:
         handle.get()

@@ -111,6 +111,10 @@ def test_settings_can_be_changed_one_by_one(api: Api) -> None:
         {"pose": {"frame": "map", "position": [0.0, 1.0, 2.0]}},
         {"pose": None},
         {"min_cells": 4},
+        {"sensor": {"miss": 0.1, "false_alarm": 0.0}},
+        {"sensor": "learn"},
+        {"confidence": 0.7},
+        {"sensor": None},
         {},
     ]
     for change in changes:

@@ -86,13 +86,17 @@ def do(ctx: Context, name: str, step: str, what: Any) -> None:
             delete_observations(ctx, name, Deletion(BEGIN + MINUTE * what, BEGIN + MINUTE * (what + 5)))
 
 
-@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(steps=st.lists(STEP, min_size=1, max_size=8), hold=st.booleans())
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    steps=st.lists(STEP, min_size=1, max_size=8),
+    hold=st.booleans(),
+    sensor=st.sampled_from([None, {"miss": 0.1, "false_alarm": 0.2}, "learn"]),
+)
 def test_what_is_kept_is_what_is_read_anew(
-    ctx: Context, database_url: str, steps: list[tuple[str, Any]], hold: bool
+    ctx: Context, database_url: str, steps: list[tuple[str, Any]], hold: bool, sensor: Any
 ) -> None:
     name, held = f"lab{next(NAMES)}", {"missing": "hold", "hold_s": 600.0} if hold else {}
-    make_location(ctx, name, SHAPE, estimator="fft", order=2, **held)
+    make_location(ctx, name, SHAPE, estimator="fft", order=2, sensor=sensor, **held)
     post_rows(ctx, name, [(BEGIN + MINUTE * n, cell, int(n % 20 < 10)) for n in range(100) for cell in CELLS[:4]])
     refit(ctx, name)
     answers(ctx, name)
@@ -192,3 +196,20 @@ def test_what_is_older_than_the_model_reaches_is_not_observed(database_url: str)
         view = state_at(ctx, "lab", StateQuery(NOW, observed=True))
         assert view.observed is not None
         assert view.observed.tolist() == [0, 2]
+
+
+def test_each_of_a_few_cells_keeps_its_state_for_as_long_as_it_does(ctx: Context, database_url: str) -> None:
+    make_location(ctx, "rooms", (2, 2), estimator="static")
+    states = np.array([np.arange(4000) // length % 2 for length in (3, 3, 200, 200)])
+    rows = [(BEGIN + MINUTE * n, cell, int(states[cell, n])) for n in range(4000) for cell in range(4)]
+    post_rows(ctx, "rooms", rows)
+    offset = refit(ctx, "rooms").offset
+    assert offset[0] < 0 < offset[3]
+    last = BEGIN + MINUTE * 3999
+    with opened(database_url) as again:
+        for each in (ctx, again):
+            view = state_at(each, "rooms", StateQuery(last + 30 * MINUTE, given="observations"))
+            sure = np.abs(view.probability - 0.5)
+            assert sure[2:].min() > sure[:2].max() + 0.1
+            twice = PredictQuery([last + 30 * MINUTE], [3, 0, 3], given="observations")
+            assert predict_at(each, "rooms", twice).probability[:, 0].tolist() == view.probability[[3, 0, 3]].tolist()

@@ -23,6 +23,7 @@ def location_record(**values: Any) -> LocationRecord:
         "hold_s": None,
         "retention_s": None,
         "min_cells": 1,
+        "sensor": None,
         "calendar": None,
         "pose": None,
         "created_at": 0.0,

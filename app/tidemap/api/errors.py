@@ -111,8 +111,9 @@ def _validation(request: Request, error: Exception) -> Response:
 def _location(detail: Mapping[str, Any]) -> str:
     """The field as the sender knows it: without the names that pydantic gives to alternatives of a type."""
     origin, *parts = (str(part) for part in detail["loc"])
-    if detail["type"] != "extra_forbidden":
-        parts = [*parts[:1], *(part for part in parts[1:] if part.isidentifier() or part.isdigit())]
+    # The last name of a field that is not known is the sender's own, whatever it is.
+    named = len(parts) - 1 if detail["type"] == "extra_forbidden" else None
+    parts = [part for i, part in enumerate(parts) if i in (0, named) or part.isidentifier() or part.isdigit()]
     return "".join(f"[{part}]" if part.isdigit() else f".{part}" for part in parts).removeprefix(".") or origin
 
 

@@ -1,7 +1,7 @@
 """Operations on the server as a whole: locations, anomalies, jobs and keys."""
 
 from collections.abc import Mapping
-from typing import Any, Generic, TypeAlias, TypeVar
+from typing import Any, Generic, Literal, TypeAlias, TypeVar
 
 from tidemap.client.operation import Resource, operation, paged
 from tidemap.client.plans import F, Listing, Plan, Request, ask
@@ -11,7 +11,17 @@ from tidemap.schemas.anomalies import Event
 from tidemap.schemas.common import Page
 from tidemap.schemas.jobs import Job
 from tidemap.schemas.keys import Key, NewKey, Role
-from tidemap.schemas.locations import Combine, EstimatorChoice, Grid, Kind, Location, Missing, OrderChoice, Position
+from tidemap.schemas.locations import (
+    Combine,
+    EstimatorChoice,
+    Grid,
+    Kind,
+    Location,
+    Missing,
+    OrderChoice,
+    Position,
+    SensorRates,
+)
 
 Handle = TypeVar("Handle")
 Items: TypeAlias = list[F]
@@ -68,14 +78,16 @@ class ClientOperations(AnomalyOperations, Generic[Handle]):
         combine: Combine | None = None,
         retention: float | None = None,
         min_cells: int | None = None,
+        sensor: SensorRates | Mapping[str, float] | Literal["learn"] | None = None,
         calendar: str | None = None,
         pose: Position | Mapping[str, Any] | None = None,
     ) -> Plan[Handle]:
         """Make a location and return its handle; what is left out is the server's default.
 
         `interval_s` is the length of a sample in seconds, `time_zone` an IANA name, `grid` the cells of the
-        kinds grid2d and grid3d: frame, origin (metres), resolution_m and shape. `calendar` is an ISO 3166 code (GB,
-        DE-BY), whose public holidays count as Sundays; `pose` is where the location stands (frame, position).
+        kinds grid2d and grid3d: frame, origin (metres), resolution_m and shape. `sensor` says how often the sensor
+        errs: miss and false_alarm, or "learn". `calendar` is an ISO 3166 code (GB, DE-BY), whose public holidays count
+        as Sundays; `pose` is where the location stands (frame, position).
         """
         form = present(
             name=name,
@@ -92,6 +104,7 @@ class ClientOperations(AnomalyOperations, Generic[Handle]):
             combine=combine,
             retention=retention,
             min_cells=min_cells,
+            sensor=sensor.model_dump() if isinstance(sensor, SensorRates) else sensor,
             calendar=calendar,
             pose=pose.model_dump() if isinstance(pose, Position) else pose,
         )

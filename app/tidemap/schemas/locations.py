@@ -6,7 +6,7 @@ from zoneinfo import ZoneInfo
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import AfterValidator, BeforeValidator, Field, Strict, model_validator
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Strict, Tag, model_validator
 from pydantic.json_schema import SkipJsonSchema
 
 from tidemap.schemas.common import FARTHEST_S, NAME_PATTERN, Answer, Form, Many, Text, TimeIn, TimeOut, shown
@@ -30,6 +30,26 @@ COMBINE = (
     "What several measurements of a cell in one sample make of it: `latest`, the state of the last one; `any`, "
     "occupied where one of them is; `majority`, occupied where half of them are. It cannot be changed once there are "
     "observations."
+)
+
+
+class SensorRates(Form):
+    """How often a sensor errs: the share of occupied states that it misses, and of free ones that it reports."""
+
+    miss: float = Field(ge=0, lt=0.5, examples=[0.1])
+    false_alarm: float = Field(ge=0, lt=0.5, examples=[0.02])
+
+
+# The tags are no identifiers: errors do not name them.
+SensorChoice = Annotated[
+    Annotated[SensorRates, Tag("the rates")] | Annotated[Literal["learn"], Tag("the word")],
+    Discriminator(lambda value: "the word" if isinstance(value, str) else "the rates"),
+]
+SENSOR = (
+    "How often the sensor errs: `miss`, the share of occupied states that it reads as free, and `false_alarm`, the "
+    "share of free ones that it reads as occupied; or `learn`, for updates to learn both from the history. Every "
+    "reading then moves a belief, and answers that are given observations are conditioned on it. Without a sensor "
+    "readings are true."
 )
 
 
@@ -126,6 +146,7 @@ class LocationForm(Form):
         None, description="Forget what is older than this many seconds by the server's clock; posts of it are dropped."
     )
     min_cells: MinCells = Field(1, description="Events of fewer neighbouring cells are not reported.")
+    sensor: SensorChoice | None = Field(None, description=SENSOR)
     calendar: CalendarCode | None = Field(None, description=CALENDAR)
     pose: Position | None = Field(None, description="Where it stands in the map of its building.")
 
@@ -164,6 +185,7 @@ class LocationPatch(Form):
     combine: Combine | None = None
     retention: Seconds | None = None
     min_cells: MinCells | None = None
+    sensor: SensorChoice | None = Field(None, description=f"{SENSOR} Null takes it away.")
     calendar: CalendarCode | None = None
     pose: Position | None = None
 
@@ -191,6 +213,7 @@ class Location(Answer):
     combine: Combine = "latest"
     retention: float | None
     min_cells: int
+    sensor: SensorChoice | None = None
     calendar: str | None = None
     pose: Position | None = None
     created_at: TimeOut

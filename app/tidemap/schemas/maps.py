@@ -169,6 +169,15 @@ class Selection(Answer):
     scores: list[SelectionRow]
 
 
+class LearnedSensor(Answer):
+    """How often the sensor errs, as the update learned it from `readings`, or 0 where it did not; `reason` says why."""
+
+    miss: float
+    false_alarm: float
+    readings: int
+    reason: str
+
+
 class Model(Answer):
     """The spectrum P and the outliers O of one cell. Times of outliers are Unix seconds, [start, stop).
 
@@ -190,6 +199,7 @@ class Model(Answer):
     accuracy: float | None
     compression: Compression
     selection: Selection | None
+    sensor: LearnedSensor | None = None
     revision: int
 
 

@@ -8,6 +8,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from threading import Lock
 
+import numpy as np
+from numpy.typing import NDArray
+
 from tidemap.errors import CorruptChunkError
 from tidemap.events.bus import Bus
 from tidemap.history.history import History
@@ -18,7 +21,9 @@ from tidemap.services.location_cache import LocationCache
 from tidemap.services.state_buffer import StateBuffer
 from tidemap.settings import Settings
 from tidemap.space.alignment import Surface
+from tidemap.spectral.belief import Beliefs
 from tidemap.spectral.conditioning import Evidence
+from tidemap.spectral.prediction import known
 from tidemap.spectral.spectrum import Spectrum
 from tidemap.storage.records import RevisionRecord
 from tidemap.storage.repositories.observations import Tail
@@ -29,19 +34,23 @@ from tidemap.storage.store import Store
 class Loaded:
     """A spectrum of all cells of a location; those of the chunks in `damage` are blank, as if never observed.
 
-    `revision` is the one it is of, or that one as if it had been fitted so.
+    `revision` is the one it is of, or that one as if it had been fitted so. known: the cells that have been observed.
     """
 
     revision: RevisionRecord
     spectrum: Spectrum
     damage: Mapping[int, CorruptChunkError]
+    known: NDArray[np.int64] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "known", known(self.spectrum))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeptEvidence:
-    """What was read last of some cells; those of `damaged` chunks look as if never read."""
+    """What was read last of some cells, or is believed of them; those of `damaged` chunks look as if never read."""
 
-    evidence: Evidence
+    evidence: Evidence | Beliefs
     damaged: list[int]
 
 
@@ -65,7 +74,7 @@ class Caches:
     def of(cls, settings: Settings) -> "Caches":
         """Empty ones, as large as the settings say."""
         return cls(
-            spectra=ByteCache(settings.spectrum_cache_bytes, lambda value: spectrum_bytes(value.spectrum)),
+            spectra=ByteCache(settings.spectrum_cache_bytes, _loaded_bytes),
             histories=ByteCache(
                 settings.history_cache_bytes, lambda value: value.observed.nbytes + value.occupied.nbytes
             ),
@@ -114,6 +123,10 @@ def open_context(settings: Settings, clock: Callable[[], float] = time.time) -> 
     finally:
         parsing.shutdown()
         store.close()
+
+
+def _loaded_bytes(loaded: Loaded) -> int:
+    return spectrum_bytes(loaded.spectrum) + loaded.known.nbytes
 
 
 def tail_bytes(tail: Tail) -> int:

@@ -8,13 +8,16 @@ from numpy.typing import NDArray
 
 from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.history import OCCUPIED
+from tidemap.services.beliefs import beliefs_at, detector_of
 from tidemap.services.context import Context, KeptEvidence
 from tidemap.services.history import read_times
 from tidemap.services.readings import Readings, readings_at
 from tidemap.services.spectra import Fitted
+from tidemap.spectral.belief import Beliefs
 from tidemap.spectral.conditioning import Evidence, Standing
-from tidemap.spectral.prediction import known, predict
-from tidemap.storage.records import LocationRecord
+from tidemap.spectral.persistence import differing
+from tidemap.spectral.prediction import predict
+from tidemap.storage.records import LocationRecord, SensorSetting
 
 Given = Literal["observations", "model"]
 """What an answer is conditioned on: what was read last of each cell, or nothing."""
@@ -30,15 +33,15 @@ class Known:
     ctx: Context
     model: Fitted
     cell: NDArray[np.int64]
-    evidence: Evidence
+    evidence: Evidence | Beliefs
     damaged: list[int]
     standing: Standing
 
     def condition(self, probability: NDArray[np.float32], time: NDArray[np.float64]) -> NDArray[np.float32]:
         """The model's p (n, m) at times (m,), conditioned where a time is later than a cell's reading."""
         location = self.model.location
-        sample, persistence = location.base.sample(time), self.model.revision.persistence
-        found = self.evidence.condition(probability, sample, location.interval_s, persistence, self.standing)
+        sample = location.base.sample(time)
+        found = self._conditioned(probability, sample)
         # Later than all that was ever measured is later than every reading.
         latest = -np.inf if location.last_time is None else location.last_time
         row, column = np.nonzero((self.evidence.sample[:, np.newaxis] == sample) & (time <= latest))
@@ -46,6 +49,21 @@ class Known:
             earlier = self._read_at(row) < time[column]
             row, column = row[~earlier], column[~earlier]
             found[row, column] = probability[row, column]
+        return found
+
+    def _conditioned(self, probability: NDArray[np.float32], sample: NDArray[np.int64]) -> NDArray[np.float32]:
+        """The same by samples."""
+        if isinstance(self.evidence, Beliefs):
+            return self.evidence.condition(probability, sample, self.standing)
+        interval_s, revision = self.model.location.interval_s, self.model.revision
+        if not revision.offset:
+            return self.evidence.condition(probability, sample, interval_s, revision.persistence, self.standing)
+        own = np.array([revision.offset.get(cell, 0.0) for cell in self.cell.tolist()])
+        found = np.empty(probability.shape, np.float32)
+        for offset in np.unique(own).tolist():
+            rows, persistence = np.flatnonzero(own == offset), differing(revision.persistence, offset)
+            some = self.evidence.rows(rows)
+            found[rows] = some.condition(probability[rows], sample, interval_s, persistence, self.standing)
         return found
 
     def at(self, probability: NDArray[np.float32], time: float) -> NDArray[np.float32]:
@@ -82,6 +100,9 @@ def known_at(ctx: Context, model: Fitted, cells: NDArray[np.int64], moment: floa
 
 def _found(ctx: Context, model: Fitted, cells: NDArray[np.int64], moment: float) -> KeptEvidence:
     """What history says of some cells at a moment."""
+    detector = detector_of(model)
+    if detector is not None:
+        return beliefs_at(ctx, model, cells, moment, Beliefs.none(len(cells), detector))
     readings = readings_at(ctx, model.location, moment, cells)
     runs = readings.runs
     age = np.where(readings.known, runs.sample - np.where(readings.known, runs.begin, 0) + 1, 0)
@@ -111,14 +132,16 @@ class _Version:
     observations: int
     first_time: float | None
     deleted: int
+    sensor: SensorSetting | None
 
 
 def kept_evidence(ctx: Context, model: Fitted, cells: NDArray[np.int64]) -> KeptEvidence | None:
     """What is kept of the latest readings of these cells; None where it is neither kept nor worth being kept."""
     location = model.location
-    whole = known(model.spectrum)
+    whole = model.loaded.known
     key = (location.id, model.revision.recipe)
-    version = _Version(model.revision.revision, location.observation_seq, location.first_time, location.deleted)
+    counted = (location.observation_seq, location.first_time, location.deleted)
+    version = _Version(model.revision.revision, *counted, location.sensor)
     if len(cells) < len(whole):
         held = ctx.caches.evidence.held(key, version)
         rows = np.searchsorted(whole, cells)
@@ -139,14 +162,31 @@ def _renewed(ctx: Context, model: Fitted, cells: NDArray[np.int64], version: _Ve
         old, kept = cast(_Version, before[0]), before[1]
         same = replace(old, observations=version.observations) == version
         if same and not kept.damaged and location.compacted_seq <= old.observations <= version.observations:
-            rows = np.flatnonzero(np.isin(cells, _read_since(ctx, location, old.observations), assume_unique=True))
-            new = _found(ctx, model, cells[rows], latest)
-            return KeptEvidence(kept.evidence.replaced(rows, new.evidence), new.damaged)
+            return _moved(ctx, model, kept, cells, _first_since(ctx, location, old.observations))
     return _found(ctx, model, cells, latest)
 
 
-def _read_since(ctx: Context, location: LocationRecord, number: int) -> NDArray[np.int64]:
-    """The cells that were read in observations after one, ascending."""
+def _moved(
+    ctx: Context, model: Fitted, kept: KeptEvidence, cells: NDArray[np.int64], first: NDArray[np.float64]
+) -> KeptEvidence:
+    """What is kept of some cells, and what was read since; first (n_cells,): its least time, NaN where nothing was."""
+    rows = np.flatnonzero(~np.isnan(first[cells]))
+    latest = cast(float, model.location.last_time)
+    if not isinstance(kept.evidence, Beliefs):
+        new = _found(ctx, model, cells[rows], latest)
+        return KeptEvidence(kept.evidence.replaced(rows, cast(Evidence, new.evidence)), new.damaged)
+    before = kept.evidence.rows(rows)
+    late = np.flatnonzero(model.location.base.sample(first[cells[rows]]) <= before.sample)
+    before.put(late, Beliefs.none(len(late), before.detector))
+    new = beliefs_at(ctx, model, cells[rows], latest, before)
+    return KeptEvidence(kept.evidence.replaced(rows, cast(Beliefs, new.evidence)), new.damaged)
+
+
+def _first_since(ctx: Context, location: LocationRecord, number: int) -> NDArray[np.float64]:
+    """(n_cells,) the least time of what was read of each cell in observations after one, NaN where nothing was."""
     with ctx.store.read() as work:
         tail = work.observations.tail(replace(location, compacted_seq=number))
-    return np.unique(np.concatenate([np.zeros(0, np.uint32), *(part.cell for _, part in tail.parts)])).astype(np.int64)
+    first = np.full(location.n_cells, np.nan)
+    for _, part in tail.parts:
+        np.fmin.at(first, part.cell, part.time)
+    return first

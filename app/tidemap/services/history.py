@@ -67,10 +67,13 @@ def read_history(ctx: Context, location: LocationRecord, chunk: int, start: int,
 
 
 def read_compacted(ctx: Context, location: LocationRecord, chunk: int, start: int, stop: int) -> History:
-    """The same of what is compacted alone, which nobody's posts change meanwhile; nothing of it is kept for others."""
+    """The same of what is compacted alone, which nobody's posts change meanwhile; nothing of it is kept for others.
+
+    Held where `location` says so, whatever is stored of it by now.
+    """
     with ctx.store.read() as work:
-        location = work.locations.by_id(location.id)
-        settled = replace(location, observation_seq=location.compacted_seq)
+        stored = work.locations.by_id(location.id)
+        settled = replace(stored, observation_seq=stored.compacted_seq)
         try:
             history = _whole(ctx, work, settled, chunk, start - (location.hold_samples or 0), stop)
         except CorruptChunkError as error:

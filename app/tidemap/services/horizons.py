@@ -11,7 +11,7 @@ from tidemap.history.history import History
 from tidemap.services.context import Context
 from tidemap.services.history import read_history, window
 from tidemap.services.sampling import sample_cells
-from tidemap.services.selection import select
+from tidemap.services.selection import selected, settled
 from tidemap.spectral.evaluation import Reliability, Scores, ScoreSums, expected_calibration_error
 from tidemap.spectral.horizons import HorizonSums, WalkPlan, walk
 from tidemap.spectral.recipe import Recipe
@@ -80,8 +80,8 @@ def evaluate_horizons(
     Damaged chunks are left out. `check` is called between steps; what it raises ends this. Raises InvalidInputError.
     """
     plan, first, stop = _plan(ctx, location, query)
-    history = sample_cells(ctx, location, (first, stop), check, SCORED_CELLS, until=plan.start, read=read_history)
-    history = _thinned(history, plan)
+    sampled = sample_cells(ctx, location, (first, stop), check, SCORED_CELLS, until=plan.start, read=read_history)
+    history = _thinned(sampled.history, plan)
     if not history.n_cells:
         raise InvalidInputError.at("start", "no cell changes before it, so nothing can be learned; choose a later one")
     sums = walk(history, location.base, plan, partial(_recipe, location, check), check)
@@ -119,7 +119,8 @@ def _thinned(history: History, plan: WalkPlan) -> History:
 
 def _recipe(location: LocationRecord, check: Callable[[], None], past: History) -> Recipe:
     """How an update would fit the past."""
-    return select(location, location.estimator, location.order or "auto", lambda: past, check).recipe
+    settings = (location, location.estimator, location.order or "auto")
+    return (settled(*settings) or selected(*settings, past, check)).recipe
 
 
 def _scores(sums: HorizonSums, asked_s: float) -> HorizonScores:

@@ -8,7 +8,7 @@ from tidemap.services.context import Context
 from tidemap.space.grid import GridGeometry
 from tidemap.space.pose import FramedPosition
 from tidemap.spectral.civil import knows_calendar
-from tidemap.storage.records import LocationRecord, RevisionRecord, text_of
+from tidemap.storage.records import LocationRecord, RevisionRecord, SensorSetting, text_of
 from tidemap.storage.work import Work
 
 
@@ -32,6 +32,7 @@ class NewLocation:
     min_cells: int = 1
     calendar: str | None = None
     pose: FramedPosition | None = None
+    sensor: SensorSetting | None = None
 
 
 class LocationChanges(TypedDict, total=False):
@@ -49,6 +50,7 @@ class LocationChanges(TypedDict, total=False):
     min_cells: int
     calendar: str | None
     pose: FramedPosition | None
+    sensor: SensorSetting | None
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,8 @@ def create_location(ctx: Context, new: NewLocation) -> LocationSummary:
         )
     _check_calendar(new.calendar)
     values = {each.name: getattr(new, each.name) for each in fields(new)}
-    values |= {"grid": text_of(new.grid), "pose": text_of(new.pose), "created_at": ctx.clock()}
+    values |= {"grid": text_of(new.grid), "pose": text_of(new.pose), "sensor": text_of(new.sensor)}
+    values["created_at"] = ctx.clock()
     record = ctx.store.write(lambda work: work.locations.create(values))
     return _summary(record, None, 0)
 
@@ -78,7 +81,11 @@ def create_location(ctx: Context, new: NewLocation) -> LocationSummary:
 def change_location(ctx: Context, name: str, changes: LocationChanges) -> LocationSummary:
     """Raises LocationNotFoundError, LocationExistsError, InvalidInputError."""
     _check_calendar(changes.get("calendar"))
-    values = {**changes, **({"pose": text_of(changes["pose"])} if "pose" in changes else {})}
+    values: dict[str, object] = {**changes}
+    if "pose" in changes:
+        values["pose"] = text_of(changes["pose"])
+    if "sensor" in changes:
+        values["sensor"] = text_of(changes["sensor"])
 
     def change(work: Work) -> None:
         _refuse_recombining(work.locations.get(name), changes.get("combine"))

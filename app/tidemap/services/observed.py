@@ -11,20 +11,21 @@ from tidemap.services.given import kept_evidence
 from tidemap.services.history import window
 from tidemap.services.readings import LastSeen, last_seen
 from tidemap.services.spectra import Fitted, fitted
-from tidemap.spectral.conditioning import EVIDENCE_BYTES
+from tidemap.spectral.conditioning import EVIDENCE_BYTES, Evidence
 
 
 def observed_at(ctx: Context, model: Fitted, cells: NDArray[np.int64], time: float) -> LastSeen:
     """The latest measurement of some cells, ascending, in samples up to the one of a time.
 
     Where the time is that of the latest measurement of all or later it is what is kept of each cell; of an earlier
-    time history is asked for the cells that were read since.
+    time history is asked for the cells that were read since. Of a location whose sensor errs a belief is kept, and no
+    reading: history is asked for all.
     """
     sample = int(model.location.base.sample(time))
     kept = _kept(ctx, model, cells, sample)
-    if kept is None:
+    if kept is None or not isinstance(kept.evidence, Evidence):
         return last_seen(ctx, model.location, sample, cells)
-    found = _forgotten(ctx, model, kept)
+    found = _forgotten(ctx, model, kept.evidence)
     rest = np.flatnonzero(np.isin(cells // CHUNK_CELLS, kept.damaged)) if kept.damaged else np.zeros(0, np.int64)
     return _with(found, rest, last_seen(ctx, model.location, sample, cells[rest])) if rest.size else found
 
@@ -33,16 +34,16 @@ def _kept(ctx: Context, model: Fitted, cells: NDArray[np.int64], sample: int) ->
     """What is kept of the cells with the location's own fit, whatever the answer's is; None where it is not worth
     being loaded, as it is of another time or would not be kept."""
     latest = model.location.last_time
-    if latest is None or sample < model.location.base.sample(latest):
+    if latest is None or model.location.sensor is not None or sample < model.location.base.sample(latest):
         return None
     if not ctx.caches.evidence.takes(EVIDENCE_BYTES * len(cells)):
         return None
     return kept_evidence(ctx, fitted(ctx, model.location.name), cells)
 
 
-def _forgotten(ctx: Context, model: Fitted, kept: KeptEvidence) -> LastSeen:
+def _forgotten(ctx: Context, model: Fitted, kept: Evidence) -> LastSeen:
     """What is kept as measurements, without those before the first segment that is modelled: a search ends there."""
-    state, sample = kept.evidence.state, kept.evidence.sample
+    state, sample = kept.state, kept.sample
     old = sample < window(ctx, model.location)[0] // SEGMENT_SAMPLES * SEGMENT_SAMPLES
     if old.any():
         state, sample = np.where(old, np.uint8(UNOBSERVED), state), np.where(old, NEVER, sample)

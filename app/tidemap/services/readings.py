@@ -31,7 +31,7 @@ class Readings:
 def readings_at(ctx: Context, location: LocationRecord, moment: float, cells: NDArray[np.int64]) -> Readings:
     """The latest readings at or before `moment` (Unix seconds) of some cells, ascending."""
     runs, damaged = LatestRuns.none(len(cells)), []
-    for chunk, rows in _by_chunk(location, cells):
+    for chunk, rows in by_chunk(location, cells):
         try:
             runs.put(rows, _of_chunk(ctx, location, chunk, moment, cells[rows]))
         except CorruptChunkError:
@@ -39,7 +39,7 @@ def readings_at(ctx: Context, location: LocationRecord, moment: float, cells: ND
     return Readings(runs, damaged)
 
 
-def _by_chunk(location: LocationRecord, cells: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.int64]]]:
+def by_chunk(location: LocationRecord, cells: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.int64]]]:
     """Each chunk that has some of the cells, which are ascending, and their rows."""
     borders = np.searchsorted(cells, np.arange(location.n_chunks + 1) * CHUNK_CELLS)
     for chunk in np.flatnonzero(np.diff(borders)).tolist():
@@ -52,7 +52,7 @@ def _of_chunk(
     """The runs of some cells of one chunk."""
     local, sample = cells - chunk * CHUNK_CELLS, int(location.base.sample(moment))
     runs = _followed(ctx, location, chunk, sample, local)
-    if (later := _read_later(ctx, location, chunk, moment)) is not None:
+    if (later := read_later(ctx, location, chunk, moment)) is not None:
         again = np.flatnonzero(later[local])
         runs.put(again, _followed(ctx, location, chunk, sample - 1, local[again]))
     return runs
@@ -71,7 +71,7 @@ def _followed(ctx: Context, location: LocationRecord, chunk: int, sample: int, l
     return runs
 
 
-def _read_later(ctx: Context, location: LocationRecord, chunk: int, moment: float) -> NDArray[np.bool_] | None:
+def read_later(ctx: Context, location: LocationRecord, chunk: int, moment: float) -> NDArray[np.bool_] | None:
     """Which cells of a chunk were read after `moment`, but in its sample; None where nothing was."""
     if location.last_time is None or location.last_time <= moment:
         return None
@@ -96,7 +96,7 @@ def last_seen(ctx: Context, location: LocationRecord, sample: int, cells: NDArra
     damaged = []
     state = np.full(len(cells), UNOBSERVED, np.uint8)
     seen = np.full(len(cells), NEVER, np.int64)
-    for chunk, missing in _by_chunk(location, cells):
+    for chunk, missing in by_chunk(location, cells):
         try:
             for piece in read_backwards(ctx, location, chunk, sample):
                 found, at = piece.last_seen(sample)

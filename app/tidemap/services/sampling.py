@@ -1,15 +1,37 @@
-"""Sampling: the histories of some changing cells of a location, from which is learned what holds for all."""
+"""Sampling: some chunks and changing cells of a location, which stand for all of them in an update."""
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tidemap.errors import CorruptChunkError
+from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.history import History
 from tidemap.services.context import Context
 from tidemap.services.history import read_compacted
 from tidemap.storage.records import LocationRecord
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SampledCells:
+    """Some changing cells (n,) of a location and their history; seen: the samples in which any of their chunks was."""
+
+    cell: NDArray[np.int64]
+    history: History
+    seen: NDArray[np.int64]
+
+    def thinned(self, n_cells: int) -> "SampledCells":
+        """`n_cells` at most of the cells, or up to twice as many, spread evenly."""
+        some = slice(None, None, max(1, len(self.cell) // n_cells))
+        return replace(self, cell=self.cell[some], history=self.history.cells(np.arange(self.history.n_cells)[some]))
+
+    def seen_in(self, start: int, stop: int) -> NDArray[np.int64]:
+        """The samples [start, stop) in which something was seen."""
+        return self.seen[(self.seen >= start) & (self.seen < stop)]
+
 
 Read = Callable[[Context, LocationRecord, int, int, int], History]
 """`read_compacted` or `read_history`."""
@@ -24,28 +46,46 @@ def sample_cells(
     *,
     until: int | None = None,
     read: Read = read_compacted,
-) -> History:
-    """The histories of about `n_cells` to four times as many cells that change before sample `until` (by default: at
-    all), spread evenly over some chunks that can be read."""
+) -> SampledCells:
+    """About `n_cells` to four times as many cells that change before sample `until` (by default: at all), spread evenly
+    over as many chunks that can be read."""
     n_chunks = min(location.n_chunks, n_cells)
+    cells, seen = [np.zeros(0, np.int64)], np.zeros(0, np.int64)
     parts = [History.empty(0, samples[0], samples[1] - samples[0])]
-    for history in sample_chunks(ctx, location, samples, check, n_chunks, read):
+    for chunk, history in _sample_chunks(ctx, location, samples, check, n_chunks, read):
         changing = (history if until is None else history.window(samples[0], until)).changing()
-        step = max(1, len(changing) * n_chunks // (4 * n_cells))
-        parts.append(history.cells(changing[::step]))
-    return History.stack(parts)
+        some = changing[:: max(1, len(changing) * n_chunks // (4 * n_cells))]
+        cells.append(chunk * CHUNK_CELLS + some)
+        parts.append(history.cells(some))
+        seen = np.union1d(seen, history.seen())
+    return SampledCells(np.concatenate(cells), History.stack(parts), seen)
 
 
-def sample_chunks(
+def measured(ctx: Context, location: LocationRecord, sampled: SampledCells) -> History:
+    """What was measured of sampled cells: without what is held after it."""
+    history = sampled.history
+    if location.hold_samples is None or not history.n_cells:
+        return history
+    as_read, window = replace(location, missing="mask"), (history.start, history.stop)
+    chunks = sampled.cell // CHUNK_CELLS
+    return History.stack(
+        [
+            read_compacted(ctx, as_read, chunk, *window).cells(sampled.cell[chunks == chunk] % CHUNK_CELLS)
+            for chunk in np.unique(chunks).tolist()
+        ]
+    )
+
+
+def _sample_chunks(
     ctx: Context,
     location: LocationRecord,
     samples: tuple[int, int],
     check: Callable[[], None],
     n_chunks: int,
-    read: Read = read_compacted,
-) -> Iterator[History]:
-    """The histories of `n_chunks` chunks at most, spread evenly, that can be read."""
+    read: Read,
+) -> Iterator[tuple[int, History]]:
+    """The numbers and histories of `n_chunks` chunks at most, spread evenly, that can be read."""
     for chunk in np.linspace(0, location.n_chunks - 1, min(location.n_chunks, n_chunks)).astype(int).tolist():
         check()
         with suppress(CorruptChunkError):
-            yield read(ctx, location, chunk, *samples)
+            yield chunk, read(ctx, location, chunk, *samples)

@@ -94,8 +94,8 @@ class Asked:
         """The question's, or the location's."""
         return self.model.location.confidence if self.query.confidence is None else self.query.confidence
 
-    def readings_version(self) -> tuple[float, int] | None:
-        """What changes whenever other readings are used; None where none are.
+    def readings_version(self) -> tuple[float, int, str] | None:
+        """What changes whenever other readings are used, or used otherwise; None where none are.
 
         Moments after all that the latest reading stands for are alike.
         """
@@ -103,7 +103,7 @@ class Asked:
             return None
         location = self.model.location
         stands = self.as_of if location.last_time is None else location.last_time + (location.hold_s or 0.0)
-        return min(self.as_of, stands), location.observation_seq
+        return min(self.as_of, stands), location.observation_seq, str(location.sensor)
 
     def facts(self) -> StateFacts:
         """What the answer says of itself, as far as it does not say what was last seen."""

@@ -1,33 +1,38 @@
 """Update: refit spectrum and outliers of a location from its history (the paper's model update)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.errors import CorruptChunkError, InvalidInputError
+from tidemap.history.sequences import Sequences
 from tidemap.services.compaction import compact, forget
 from tidemap.services.context import Context
 from tidemap.services.history import window
-from tidemap.services.sampling import sample_cells, sample_chunks
-from tidemap.services.selection import SELECTION_CELLS, select
+from tidemap.services.sampling import SampledCells, measured, sample_cells
+from tidemap.services.selection import SELECTION_CELLS, selected, settled
 from tidemap.services.update_task import ChunkFit, Executor, Plan, UpdateTask, run_task
 from tidemap.spectral.auto.selection import Choice
+from tidemap.spectral.belief import Detector
 from tidemap.spectral.conditioning import Persistence
+from tidemap.spectral.detection import ReadCells, learn_detector
 from tidemap.spectral.evaluation import accuracy
 from tidemap.spectral.model import fit_part
-from tidemap.spectral.persistence import learn_persistence
+from tidemap.spectral.persistence import learn_lasting, learn_persistence
+from tidemap.spectral.prediction import predict_readings
+from tidemap.spectral.sensor import Sensor
+from tidemap.spectral.spectrum import Spectrum
 from tidemap.spectral.window import PAUSE_S, fft_window
 from tidemap.storage.records import LocationRecord, RevisionRecord
 from tidemap.storage.work import Work
 
 PERSISTENCE_CELLS = 16
-"""Changing cells, or chunks that they are looked for in, that tell how long states last."""
-PAUSE_CHUNKS = 8
-"""Chunks whose pauses are those of all."""
+"""Changing cells, up to four times as many, that tell how long states last, and chunks that they are looked for in."""
+MAX_DIFFERING = 64
+"""Cells of a location up to which each may have states that last longer or shorter than the others'."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,10 +64,10 @@ def run_update(
     compact(ctx, location, executor.check)
     forget(ctx, location)
     progress(0.1)
-    plan, tried = _plan(ctx, location, request, executor.check)
+    plan, tried, sampled = _plan(ctx, location, request, executor.check)
     fits = _fit_chunks(ctx, plan, executor, progress)
     fitted_share = accuracy(sum(fit.outliers for fit in fits), sum(fit.observed for fit in fits))
-    record = _revision(ctx, plan, tried, fitted_share, _persistence(ctx, plan, executor.check))
+    record = _revision(ctx, plan, tried, fitted_share, _learned(ctx, plan, sampled, executor.check))
 
     def publish(work: Work) -> None:
         work.spectra.publish(record)
@@ -94,19 +99,30 @@ def _fit_chunks(ctx: Context, plan: Plan, executor: Executor, progress: Callable
 
 def _plan(
     ctx: Context, before: LocationRecord, request: UpdateRequest, check: Callable[[], None]
-) -> tuple[Plan, Choice | None]:
-    """The plan of an update of what had come in `before`, and how `auto` chose; what came in since waits."""
+) -> tuple[Plan, Choice | None, SampledCells]:
+    """The plan of an update of what had come in `before`, how `auto` chose, and some of the cells; what came in since
+    waits."""
     with ctx.store.read() as work:
         location = _limited(work.locations.by_id(before.id), before)
         number = work.spectra.next_number(location.id)
     history = window(ctx, location)
     asked = _asked_samples(location, history, request)
-    selection = _select(ctx, location, asked, request, check)
+    wanted = _wanted(location, request)
+    choice = settled(location, *wanted)
+    sampled = sample_cells(ctx, location, history, check, PERSISTENCE_CELLS if choice else SELECTION_CELLS)
+    selection = choice or selected(location, *wanted, sampled.history.window(*asked), check)
     start, stop = asked
     if selection.estimator == "fft" and request.start is None and request.stop is None:
-        start, stop = fft_window(_seen(ctx, location, asked, check), start, stop, location.interval_s)
-    tried = selection if selection.reason else None
-    return Plan(location, number, selection.recipe, start, stop, history), tried
+        start, stop = fft_window(_seen(sampled, asked, location.interval_s), start, stop, location.interval_s)
+    plan = Plan(location, number, selection.recipe, start, stop, history)
+    return plan, selection if selection.reason else None, sampled
+
+
+def _seen(sampled: SampledCells, samples: tuple[int, int], interval_s: float) -> NDArray[np.int64]:
+    """The samples in which something was seen; all where they are too few for a pause."""
+    if (samples[1] - samples[0]) * interval_s <= PAUSE_S:
+        return np.arange(*samples)
+    return sampled.seen_in(*samples)
 
 
 def _limited(now: LocationRecord, before: LocationRecord) -> LocationRecord:
@@ -122,17 +138,41 @@ def _limited(now: LocationRecord, before: LocationRecord) -> LocationRecord:
     )
 
 
-def _persistence(ctx: Context, plan: Plan, check: Callable[[], None]) -> Persistence:
-    """How long states last, learned from some changing cells.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Learned:
+    """How long states last at a location, by cell where they differ, and what errs in reading them."""
+
+    persistence: Persistence
+    offset: Mapping[int, float]
+    detector: Detector | None
+
+
+def _learned(ctx: Context, plan: Plan, some: SampledCells, check: Callable[[], None]) -> _Learned:
+    """How long states last, learned from some changing cells, and what errs in reading them.
 
     Their fit leaves out what is followed of the last day: it is no rhythm that a reading could add to.
     """
-    location = plan.location
-    sampled = sample_cells(ctx, location, plan.history, check, PERSISTENCE_CELLS)
+    location, sampled = plan.location, some.thinned(4 * PERSISTENCE_CELLS)
     recipe = replace(plan.recipe, carry_over=0.0)
     check()
-    spectrum = fit_part(sampled, recipe, location.base, (plan.start, plan.stop))
-    return learn_persistence(sampled, spectrum, location.base)
+    spectrum = fit_part(sampled.history, recipe, location.base, (plan.start, plan.stop))
+    if location.n_cells > MAX_DIFFERING:
+        persistence, offset = learn_persistence(sampled.history, spectrum, location.base), {}
+    else:
+        lasting = learn_lasting(sampled.history, spectrum, location.base)
+        pairs = zip(sampled.cell.tolist(), lasting.offset.round(2).tolist(), strict=True)
+        persistence, offset = lasting.persistence, {cell: value for cell, value in pairs if value}
+    detector = None if location.sensor is None else _detector(ctx, location, sampled, spectrum)
+    return _Learned(persistence, offset, detector)
+
+
+def _detector(ctx: Context, location: LocationRecord, sampled: SampledCells, spectrum: Spectrum) -> Detector:
+    """What reads the cells, learned from some of them and their spectrum."""
+    sequences = Sequences.of(measured(ctx, location, sampled))
+    p = predict_readings(spectrum, np.arange(spectrum.n_cells), sequences, location.base).astype(np.float64)
+    read = ReadCells(sequences, p, location.hold_samples or 0)
+    given = location.sensor if isinstance(location.sensor, Sensor) else None
+    return learn_detector(read, location.interval_s, given)
 
 
 def _asked_samples(location: LocationRecord, history: tuple[int, int], request: UpdateRequest) -> tuple[int, int]:
@@ -146,28 +186,18 @@ def _asked_samples(location: LocationRecord, history: tuple[int, int], request: 
     return start, stop
 
 
-def _select(
-    ctx: Context, location: LocationRecord, samples: tuple[int, int], request: UpdateRequest, check: Callable[[], None]
-) -> Choice:
-    """How to fit, within what the request and the location leave open."""
-    estimator = request.estimator or location.estimator
+def _wanted(location: LocationRecord, request: UpdateRequest) -> tuple[str, int | str]:
+    """Estimator and order, `auto` where the request and the location leave them open."""
     order = request.order if request.order is not None else (location.order or "auto")
-    sampled = partial(sample_cells, ctx, location, samples, check, SELECTION_CELLS)
-    return select(location, estimator, order, sampled, check)
-
-
-def _seen(
-    ctx: Context, location: LocationRecord, samples: tuple[int, int], check: Callable[[], None]
-) -> NDArray[np.int64]:
-    """The samples in which something was seen in some chunks; all where they are too few for a pause."""
-    if (samples[1] - samples[0]) * location.interval_s <= PAUSE_S:
-        return np.arange(*samples)
-    seen = [history.seen() for history in sample_chunks(ctx, location, samples, check, PAUSE_CHUNKS)]
-    return np.unique(np.concatenate([np.zeros(0, np.int64), *seen]))
+    return request.estimator or location.estimator, order
 
 
 def _revision(
-    ctx: Context, plan: Plan, tried: Choice | None, accuracy: float | None, persistence: Persistence
+    ctx: Context,
+    plan: Plan,
+    tried: Choice | None,
+    accuracy: float | None,
+    learned: _Learned,
 ) -> RevisionRecord:
     return RevisionRecord(
         location_id=plan.location.id,
@@ -180,7 +210,9 @@ def _revision(
         accuracy=accuracy,
         updated_at=ctx.clock(),
         selection=None if tried is None else _stored(tried),
-        persistence=persistence,
+        persistence=learned.persistence,
+        offset=learned.offset,
+        detector=learned.detector,
     )
 
 

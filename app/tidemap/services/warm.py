@@ -14,6 +14,7 @@ from tidemap.history.history import History
 from tidemap.history.measurements import Measurements
 from tidemap.history.runs import LatestRuns
 from tidemap.history.segment import Segment, merge
+from tidemap.history.sequences import Sequences
 from tidemap.history.snapshot import sort_snapshot
 from tidemap.history.timebase import TimeBase
 from tidemap.space.grid import GridGeometry
@@ -22,9 +23,12 @@ from tidemap.space.regions import label_regions
 from tidemap.space.scan import Scan
 from tidemap.spectral.anomaly import surprising
 from tidemap.spectral.auto.selection import choose
+from tidemap.spectral.belief import Beliefs
 from tidemap.spectral.conditioning import UNLEARNED, Evidence
+from tidemap.spectral.detection import ReadCells, learn_detector
 from tidemap.spectral.model import add, reconstruct, update
-from tidemap.spectral.prediction import StateColumns, predict, predict_times, write_waves
+from tidemap.spectral.prediction import StateColumns, predict, predict_readings, predict_times, write_waves
+from tidemap.spectral.spectrum import Spectrum
 from tidemap.storage.blobs import pack_measurements, pack_segment, unpack_measurements, unpack_segment
 
 COMPRESSED = (
@@ -92,6 +96,7 @@ def _fit_and_ask() -> None:
         age = np.ones(history.n_cells, np.uint32)
         evidence = Evidence(runs.state, runs.sample, age, np.ones(history.n_cells, np.float32))
         evidence.condition(np.full((history.n_cells, 1), 0.5, np.float32), np.array([200]), 60.0, UNLEARNED)
+        _believe(history, model.spectrum, base)
         history.ever_observed()
         History.from_intervals(history.intervals())
         kept = replace(
@@ -114,6 +119,14 @@ def _fit_and_ask() -> None:
     days = History.from_states((np.arange(2 * 4500).reshape(2, 4500) % 1440 < 500).astype(np.uint8))
     reconstruct(update(days, "calendar", 3, base))
     choose(days, base, time_zone="UTC")
+
+
+def _believe(history: History, spectrum: Spectrum, base: TimeBase) -> None:
+    sequences = Sequences.of(history)
+    p = predict_readings(spectrum, np.arange(history.n_cells), sequences, base)
+    detector = learn_detector(ReadCells(sequences, p.astype(np.float64)), base.interval_s)
+    beliefs = Beliefs.none(history.n_cells, detector).filtered(sequences, p)
+    beliefs.condition(np.full((history.n_cells, 1), 0.5, np.float32), np.array([200]))
 
 
 def _read_only(array: NDArray[Any]) -> NDArray[Any]:

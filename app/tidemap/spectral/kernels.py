@@ -167,6 +167,23 @@ def add_waves_over_time(
 
 
 @kernel
+def add_waves_at(
+    first: NDArray[np.int64],
+    last: NDArray[np.int64],
+    column: NDArray[np.int64],
+    cell: NDArray[np.int32],
+    index: Index,
+    coefficient: NDArray[np.complex64],
+    phasor: NDArray[np.complex64],
+    out: NDArray[np.float32],
+) -> None:
+    """out[j] += Re Σ coefficient · phasor[index, column[j]] for j in [first, last) of every cell with waves."""
+    for row in range(cell.size):
+        for j in range(first[cell[row]], last[cell[row]]):
+            out[j] += summed(index[row], coefficient[row], phasor[:, column[j]])
+
+
+@kernel
 def unit_phasors(frequency: NDArray[np.float64], time: NDArray[np.float64], out: NDArray[np.complex64]) -> None:
     """out (n, m) = exp(2πi frequency time), the cycles reduced in float64."""
     for i in range(frequency.size):

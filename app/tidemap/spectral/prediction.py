@@ -8,6 +8,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tidemap.history.sequences import Sequences
+from tidemap.history.timebase import TimeBase
 from tidemap.spectral import kernels
 from tidemap.spectral.spectrum import Spectrum, check_cells, compact, gates, select, tau
 
@@ -110,6 +112,26 @@ def predict_times(spectrum: Spectrum, time: ArrayLike, cells: ArrayLike | None =
         kernels.add_waves_over_time(chosen.cell, chosen.index, chosen.coefficient, phasor, block)
         out[:, first : first + step] = block
     return probability(chosen, out)
+
+
+def predict_readings(spectrum: Spectrum, cells: ArrayLike, sequences: Sequences, base: TimeBase) -> NDArray[np.float32]:
+    """p(t) at every reading of the given cells, one float32 a reading, in their order; a block of times at once."""
+    chosen = compact(select(spectrum, cells))
+    times, column = np.unique(sequences.sample, return_inverse=True)
+    out = np.repeat(chosen.mean, sequences.count)
+    step = max(1, TABLE_SIZE // max(1, chosen.n_waves))
+    for first in range(0, times.size if chosen.n_waves else 0, step):
+        phasor = phasors(chosen, base.time(times[first : first + step]))
+        begins, ends = (_passed(sequences, column, number) for number in (first, first + step))
+        waves = (chosen.cell, chosen.index, chosen.coefficient, phasor)
+        kernels.add_waves_at(begins, ends, column - first, *waves, out)
+    return probability(chosen, out)
+
+
+def _passed(sequences: Sequences, column: NDArray[np.int64], number: int) -> NDArray[np.int64]:
+    """(n,) of every cell the first reading whose column is `number` or later."""
+    earlier = np.concatenate((np.zeros(1, np.int64), np.cumsum(column < number)))
+    return np.asarray(sequences.offset[:-1] + np.diff(earlier[sequences.offset]), np.int64)
 
 
 def predict_slow(spectrum: Spectrum, time: ArrayLike, cells: ArrayLike | None = None) -> NDArray[np.float64]:

@@ -1,10 +1,10 @@
 """Rows as the services see them."""
 
 import json
-from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,10 @@ from tidemap.history.timebase import TimeBase
 from tidemap.history.values import ValueKind
 from tidemap.space.grid import SINGLE, Extent, GridGeometry
 from tidemap.space.pose import FramedPosition
+from tidemap.spectral.belief import Detector
 from tidemap.spectral.conditioning import UNLEARNED, Persistence
 from tidemap.spectral.recipe import Recipe
+from tidemap.spectral.sensor import Sensor
 from tidemap.storage.blobs import unpack_json
 
 KINDS = {
@@ -26,6 +28,12 @@ KINDS = {
     "grid3d": (Extent.VOLUME, ValueKind.STATE),
 }
 """What a location's `kind` says of how its cells lie, and of what they hold."""
+
+
+LEARN: Final = "learn"
+"""A location's `sensor` whose rates the updates learn."""
+SensorSetting: TypeAlias = Sensor | Literal["learn"]
+"""A location's `sensor`."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +55,7 @@ class LocationRecord:
     combine: str
     retention_s: float | None
     min_cells: int
+    sensor: SensorSetting | None
     calendar: str | None
     pose: FramedPosition | None
     created_at: float
@@ -61,7 +70,8 @@ class LocationRecord:
     @classmethod
     def of(cls, row: RowMapping) -> "LocationRecord":
         """From a row of the table."""
-        return cls(**{**row, "grid": grid_of(row["grid"]), "pose": position_of(row["pose"])})
+        own = {"grid": grid_of(row["grid"]), "pose": position_of(row["pose"]), "sensor": sensor_of(row["sensor"])}
+        return cls(**{**row, **own})
 
     @property
     def extent(self) -> Extent:
@@ -141,9 +151,21 @@ def position_of(text: str | None) -> FramedPosition | None:
     return FramedPosition(value["frame"], tuple(value["position"]))
 
 
-def text_of(value: GridGeometry | FramedPosition | None) -> str | None:
-    """A grid or a position as the JSON that is stored of it."""
-    return None if value is None else json.dumps(asdict(value), separators=(",", ":"), ensure_ascii=False)
+@lru_cache
+def sensor_of(text: str | None) -> SensorSetting | None:
+    """A sensor from its stored JSON; ValueError or TypeError where it is none."""
+    if text is None:
+        return None
+    value = json.loads(text)
+    return LEARN if value == LEARN else Sensor(**value)
+
+
+def text_of(value: GridGeometry | FramedPosition | SensorSetting | None) -> str | None:
+    """A grid, a position or a sensor as the JSON that is stored of it."""
+    if value is None:
+        return None
+    plain = value if isinstance(value, str) else asdict(value)
+    return json.dumps(plain, separators=(",", ":"), ensure_ascii=False)
 
 
 @dataclass(frozen=True)
@@ -151,6 +173,8 @@ class RevisionRecord:
     """One update: samples [start, stop) were fitted; `observation_seq` and `measurements` were known then.
 
     persistence: how long states last, as the update learned it; by default what is believed without having learned.
+    offset: by cell, where its ln τ differs from that.
+    detector: the same as read by a sensor that errs, where the location had one.
     """
 
     location_id: int
@@ -164,6 +188,8 @@ class RevisionRecord:
     updated_at: float
     selection: dict[str, Any] | None
     persistence: Persistence = UNLEARNED
+    detector: Detector | None = None
+    offset: Mapping[int, float] = field(default_factory=dict)
 
     @classmethod
     def of(cls, row: RowMapping) -> "RevisionRecord":
@@ -171,9 +197,11 @@ class RevisionRecord:
         what = f"revision {row['revision']}"
         recipe = Recipe.from_dict(unpack_json(row["recipe"], f"the recipe of {what}"))
         selection = row["selection"] and unpack_json(row["selection"], f"the selection of {what}")
-        learned = row["persistence"]
-        persistence = Persistence(**unpack_json(learned, f"the persistence of {what}")) if learned else UNLEARNED
-        return cls(**{**row, "recipe": recipe, "selection": selection, "persistence": persistence})
+        learned = unpack_json(row["persistence"], f"the persistence of {what}") if row["persistence"] else {}
+        offset = {int(cell): float(value) for cell, value in learned.pop("offset", [])}
+        read = row["detector"] and Detector.from_dict(unpack_json(row["detector"], f"the detector of {what}"))
+        lasting = {"persistence": Persistence(**learned) if learned else UNLEARNED, "offset": offset}
+        return cls(**{**row, "recipe": recipe, "selection": selection, "detector": read or None, **lasting})
 
     @property
     def estimator(self) -> str:

@@ -52,6 +52,7 @@ location = Table(
     Column("combine", String(8), nullable=False, server_default="latest"),
     Column("retention_s", Float(53)),
     Column("min_cells", Integer, nullable=False),
+    Column("sensor", Text),
     Column("calendar", String(8)),
     Column("pose", Text),
     Column("created_at", Float(53), nullable=False),
@@ -140,6 +141,7 @@ revision = Table(
     Column("updated_at", Float(53), nullable=False),
     Column("selection", LargeBinary),
     Column("persistence", LargeBinary),
+    Column("detector", LargeBinary),
 )
 
 spectrum = Table(

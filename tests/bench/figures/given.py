@@ -1,15 +1,18 @@
 """given: the probability of every cell of a large grid, given its last reading, against the same without (DESIGN 2.8).
 
 The cells were read in 1,000 looks of a thousand neighbours each, and had lasted for some time that differs from look to
-look; `every_cell_apart` is where no two neighbours were read alike.
+look; `every_cell_apart` is where no two neighbours were read alike, `a_sensor_that_errs` the same by beliefs.
 """
 
 import numpy as np
 
 from tests.bench.figures.predict import N_CELLS, grid
 from tests.bench.timing import Figure, interleaved
+from tidemap.spectral.belief import Beliefs, Detector
 from tidemap.spectral.conditioning import UNLEARNED, Evidence
+from tidemap.spectral.durations import Durations
 from tidemap.spectral.prediction import predict
+from tidemap.spectral.sensor import Sensor
 
 LOOK, NOW_S = 1000, 1e6
 
@@ -26,9 +29,29 @@ def measure() -> Figure:
     def given(known: Evidence) -> None:
         known.condition(predict(spectrum, NOW_S)[:, np.newaxis], sample, 1.0, UNLEARNED)
 
-    floor, value, worst = interleaved(lambda: predict(spectrum, NOW_S), lambda: given(alike), lambda: given(apart))
-    details = {"cells": N_CELLS, "every_cell_apart": round(worst * 1e3, 2), "bytes_a_cell": alike.nbytes / N_CELLS}
+    believed = beliefs(apart)
+
+    def sensed() -> None:
+        believed.condition(predict(spectrum, NOW_S)[:, np.newaxis], sample)
+
+    floor, value, worst, erring = interleaved(
+        lambda: predict(spectrum, NOW_S), lambda: given(alike), lambda: given(apart), sensed
+    )
+    details = {
+        "cells": N_CELLS,
+        "every_cell_apart": round(worst * 1e3, 2),
+        "a_sensor_that_errs": round(erring * 1e3, 2),
+        "bytes_a_cell": alike.nbytes / N_CELLS,
+    }
     return Figure(value * 1e3, floor * 1e3, 1.3, "ms", details)
+
+
+def beliefs(read: Evidence) -> Beliefs:
+    """What is believed of cells that were read then by a sensor that errs."""
+    detector = Detector(Sensor(0.1, 0.1), Durations.believed(1.0))
+    age = np.minimum(8 * read.age, 2**16 - 1).astype(np.uint16)
+    signed = np.where(read.state == 1, 0.9, -0.1).astype(np.float32)
+    return Beliefs(detector, signed, read.sample, read.q, np.stack((age, age[::-1])))
 
 
 def evidence(sample: np.ndarray, age: np.ndarray) -> Evidence:

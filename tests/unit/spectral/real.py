@@ -1,7 +1,7 @@
 """Real signals for tests, where ../shared/data has them: see its README."""
 
 import gzip
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from zoneinfo import ZoneInfo
@@ -73,3 +73,26 @@ def brains4buildings() -> Real:
         if row["bms_occupancy__bool"] is not None and 0 <= sample < states.shape[1]:
             states[rooms.index(row["id"]), sample] = row["bms_occupancy__bool"] > 0
     return Real(History.from_states(states), TimeBase(start, 900.0), AMSTERDAM)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Things:
+    """Things in a room, seen every half second by a detector that errs; truth: (n, n_samples) uint8."""
+
+    read: History
+    truth: NDArray[np.uint8]
+    base: TimeBase
+
+    def of(self, thing: int) -> "Things":
+        """One of them."""
+        return replace(self, read=self.read.cells([thing]), truth=self.truth[[thing]])
+
+
+def room(part: str) -> Things:
+    """Eight things, one of the recordings `train` and `test` of three hours."""
+    with np.load(needed("room", f"{part}.npz")) as file:
+        truth = np.array([file[f"{thing}_truth"] for thing in range(8)], np.uint8)
+        states = np.full(truth.shape, UNOBSERVED, np.uint8)
+        for thing, row in enumerate(states):
+            row[np.rint(2 * file[f"{thing}_time_s"]).astype(np.int64)] = file[f"{thing}_seen"]
+    return Things(History.from_states(states), truth, TimeBase(0.0, 0.5))

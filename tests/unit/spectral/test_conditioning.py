@@ -9,7 +9,7 @@ from tidemap.history.history import NEVER, UNOBSERVED, History
 from tidemap.history.timebase import TimeBase
 from tidemap.spectral.conditioning import MIN_PROBABILITY, UNLEARNED, Evidence, Persistence, Standing, condition
 from tidemap.spectral.estimators import fit
-from tidemap.spectral.persistence import learn_persistence, pairs_of
+from tidemap.spectral.persistence import learn_lasting, learn_persistence, pairs_of
 from tidemap.spectral.prediction import predict_times
 
 SHARE = st.floats(0.001, 0.999)
@@ -146,6 +146,29 @@ def test_pairs_are_readings_of_the_history() -> None:
     assert (pairs.age_s >= 60).all()
     every = predict_times(spectrum, MINUTES.time(np.arange(40, 540)))
     assert np.isin(np.float32(pairs.p), every).all()
+
+
+@pytest.mark.parametrize("spread", [0.0, 1.0])
+def test_cells_differ_where_they_do(spread: float) -> None:
+    last_s = 1800.0 * np.exp(spread * np.linspace(-1.5, 1.5, 12))
+    states = [switching(10_000, float(np.exp(-60.0 / each)), seed) for seed, each in enumerate(last_s)]
+    history = History.from_states(np.array(states))
+    learned = learn_lasting(history, fit(history, "static", 0, MINUTES), MINUTES)
+    if spread:
+        assert np.corrcoef(learned.offset, np.log(last_s))[0, 1] > 0.85
+        assert learned.offset[-1] - learned.offset[0] > 1.5
+    else:
+        assert np.abs(learned.offset).max() < 0.1
+
+
+def test_a_cell_of_few_runs_does_not_differ() -> None:
+    states = np.array([switching(6000, keep, 11) for keep in (0.9, 0.95, 0.98, 0.99)])
+    states[3, 30:] = UNOBSERVED
+    history = History.from_states(states)
+    learned = learn_lasting(history, fit(history, "static", 0, MINUTES), MINUTES)
+    assert abs(learned.offset[3]) < 0.5 < np.abs(learned.offset[:3]).max()
+    one = learn_lasting(history.cells([0]), fit(history.cells([0]), "static", 0, MINUTES), MINUTES)
+    assert one.offset.tolist() == [0.0]
 
 
 @pytest.mark.parametrize("seed", range(3))

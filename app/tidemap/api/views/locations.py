@@ -8,6 +8,7 @@ from tidemap.schemas.locations import Grid, Location, LocationForm, LocationPatc
 from tidemap.services.locations import LocationChanges, LocationSummary, NewLocation
 from tidemap.space.grid import GridGeometry
 from tidemap.space.pose import FramedPosition
+from tidemap.spectral.sensor import Sensor
 
 
 def location_view(known: LocationSummary) -> Location:
@@ -19,6 +20,7 @@ def location_view(known: LocationSummary) -> Location:
         "order": known.order or "auto",
         "pose": None if known.pose is None else Position(**asdict(known.pose)),
         "retention": known.retention_s,
+        "sensor": asdict(known.sensor) if isinstance(known.sensor, Sensor) else known.sensor,
     }
     return Location(**(named | own))
 
@@ -34,7 +36,7 @@ def location_changes(form: LocationPatch) -> LocationChanges:
     """What a form changes. Raises InvalidInputError."""
     values = form.model_dump(exclude_unset=True)
     for field, value in values.items():
-        if value is None and field not in ("hold_s", "retention", "calendar", "pose"):
+        if value is None and field not in ("hold_s", "retention", "calendar", "pose", "sensor"):
             raise InvalidInputError.at(field, "null is no value here; leave the field out to keep it as it is")
     return cast(LocationChanges, _named(values))
 
@@ -46,6 +48,8 @@ def _named(values: dict[str, Any]) -> dict[str, Any]:
         own["retention_s"] = values.pop("retention")
     if values.get("pose") is not None:
         own["pose"] = FramedPosition(**values["pose"])
+    if isinstance(values.get("sensor"), dict):
+        own["sensor"] = Sensor(**values["sensor"])
     return values | own
 
 

@@ -11,6 +11,7 @@ from tidemap.schemas.maps import (
     Evaluation,
     EvaluationRow,
     HorizonRow,
+    LearnedSensor,
     Model,
     ModelScores,
     ReliabilityRow,
@@ -19,6 +20,7 @@ from tidemap.schemas.maps import (
 from tidemap.services.evaluate import Comparison, ScoredCandidate
 from tidemap.services.horizons import HorizonScores, ScoredAnswers
 from tidemap.services.model import CellModel
+from tidemap.spectral.belief import Detector
 from tidemap.spectral.evaluation import Reliability
 from tidemap.spectral.spectrum import WEEKEND, Spectrum, components
 
@@ -42,8 +44,13 @@ def model_view(model: CellModel) -> Model:
         accuracy=model.accuracy,
         compression=Compression(**{name: getattr(model.cost, name) for name in Compression.model_fields}),
         selection=None if revision.selection is None else Selection(**revision.selection),
+        sensor=None if revision.detector is None else _sensor(revision.detector),
         revision=revision.revision,
     )
+
+
+def _sensor(found: Detector) -> LearnedSensor:
+    return LearnedSensor(**asdict(found.sensor), readings=found.readings, reason=found.reason)
 
 
 def _components(spectrum: Spectrum) -> list[Component]:

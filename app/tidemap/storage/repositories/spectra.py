@@ -63,7 +63,8 @@ class SpectrumRepository:
         if shown.rowcount == 1:
             row = {field.name: getattr(record, field.name) for field in fields(record)}
             row["recipe"] = pack_json(record.recipe.as_dict())
-            row["persistence"] = pack_json(asdict(record.persistence))
+            row["persistence"] = pack_json(asdict(record.persistence) | {"offset": list(row.pop("offset").items())})
+            row["detector"] = pack_json(record.detector.as_dict()) if record.detector else None
             row["selection"] = pack_json(record.selection) if record.selection else None
             self._connection.execute(insert(revision).values(**row))
         visible = select(location_table.c.revision).where(mine).scalar_subquery()
