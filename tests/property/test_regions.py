@@ -34,11 +34,7 @@ def marked(draw: st.DrawFn) -> tuple[GridGeometry, list[Mark]]:
 
 def belong(grid: GridGeometry, one: Mark, other: Mark) -> bool:
     """The definition."""
-    (t, a, s), (u, b, r) = one, other
-    if s != r:
-        return False
-    if a == b:
-        return abs(t - u) == 1
+    (t, a, _), (u, b, _) = one, other
     i, j = np.array(np.unravel_index([a, b], grid.shape3)).T
     return t == u and int(np.abs(i - j).max()) <= 1
 
@@ -59,8 +55,8 @@ def search(grid: GridGeometry, marks: list[Mark]) -> set[frozenset[Mark]]:
 
 
 def labelled(grid: GridGeometry, marks: list[Mark]) -> set[frozenset[Mark]]:
-    sample, cell, state = (np.array(column, np.int64) for column in zip(*marks, strict=True))
-    label = label_regions(grid, sample, cell, state.astype(np.uint8))
+    sample, cell, _ = (np.array(column, np.int64) for column in zip(*marks, strict=True))
+    label = label_regions(grid, sample, cell)
     assert label.shape == (len(marks),)
     return {frozenset(marks[i] for i in np.flatnonzero(label == each)) for each in np.unique(label)}
 
@@ -73,7 +69,7 @@ def test_regions_are_the_groups_that_a_search_finds(case: tuple[GridGeometry, li
 
 def test_no_marks_no_regions() -> None:
     none = np.empty(0, np.int64)
-    assert label_regions(SINGLE, none, none, none.astype(np.uint8)).tolist() == []
+    assert label_regions(SINGLE, none, none).tolist() == []
 
 
 def test_a_region_does_not_go_round_the_edge() -> None:

@@ -23,6 +23,7 @@ def location_record(**values: Any) -> LocationRecord:
         "hold_s": None,
         "retention_s": None,
         "min_cells": 1,
+        "event_gap_s": None,
         "created_at": 0.0,
         "observation_seq": 0,
         "compacted_seq": 0,
@@ -31,5 +32,6 @@ def location_record(**values: Any) -> LocationRecord:
         "first_time": None,
         "last_time": None,
         "revision": 1,
+        "judged_to": None,
     }
     return LocationRecord(**(plain | values))

@@ -10,9 +10,18 @@ from tidemap.schemas.locations import Confidence, EstimatorName
 Rule = Literal["surprise", "paper"]
 
 
-class Event(Answer):
-    """Neighbouring surprising cells of one observation.
+class EventParts(Answer):
+    """The cells of an event by what they were seen as: unexpectedly occupied, or unexpectedly free."""
 
+    occupied: list[int]
+    free: list[int]
+
+
+class Event(Answer):
+    """One incident: neighbouring surprising cells, and those of later and earlier observations that continue them.
+
+    It grows while it lasts, under the same id: `start` and `stop` are the bounds of the surprising samples. `observed`
+    is how most of its cells were seen, `parts` says which were what where they differ, and is null where they do not.
     `bbox` is [x0,y0,z0,x1,y1,z1] in metres in the grid's frame (null for kind `state`); `probability` is the
     mean predicted probability of the cells, `surprise` the peak of |p - s|. `id` is null for events that were
     computed on request and are not stored. Lists and messages have the first 10,000 cells of an event, of
@@ -27,6 +36,7 @@ class Event(Answer):
     cells_total: int = Field(default_factory=lambda event: len(event["cells"]))
     bbox: list[float] | None
     observed: Literal[0, 1]
+    parts: EventParts | None = None
     probability: float
     surprise: float
     confidence: float

@@ -31,6 +31,13 @@ COMBINE = (
 )
 
 
+EVENT_GAP = (
+    "How many seconds without a surprise an event outlasts: what is surprising sooner continues it, what is later "
+    "begins another. By default two samples."
+)
+GapSeconds = Annotated[float, Field(ge=0, le=FARTHEST_S)]
+
+
 def _fixed(_: object) -> None:
     raise ValueError("this cannot be changed later; make a new location instead")
 
@@ -93,7 +100,8 @@ class LocationForm(Form):
     retention: Seconds | None = Field(
         None, description="Forget what is older than this many seconds by the server's clock; posts of it are dropped."
     )
-    min_cells: MinCells = Field(1, description="Events of fewer neighbouring cells are not reported.")
+    min_cells: MinCells = Field(1, description="Events of fewer neighbouring cells at a time are not reported.")
+    event_gap_s: GapSeconds | None = Field(None, description=EVENT_GAP)
 
     @model_validator(mode="after")
     def _consistent(self) -> "LocationForm":
@@ -130,6 +138,7 @@ class LocationPatch(Form):
     combine: Combine | None = None
     retention: Seconds | None = None
     min_cells: MinCells | None = None
+    event_gap_s: GapSeconds | None = None
 
     kind: Fixed = None
     interval_s: Fixed = None
@@ -155,6 +164,7 @@ class Location(Answer):
     combine: Combine = "latest"
     retention: float | None
     min_cells: int
+    event_gap_s: float | None = None
     created_at: TimeOut
     observations: int
     first_time: TimeOut | None

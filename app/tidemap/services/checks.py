@@ -12,7 +12,7 @@ import numpy as np
 
 from tidemap.errors import CorruptChunkError
 from tidemap.history.segment import SEGMENT_SAMPLES, Segment
-from tidemap.storage.blobs import unpack_cells, unpack_json, unpack_measurements, unpack_segment, unpack_spectrum
+from tidemap.storage.blobs import unpack_event, unpack_json, unpack_measurements, unpack_segment, unpack_spectrum
 from tidemap.storage.inspection import Row, Snapshot
 from tidemap.storage.records import LocationRecord, RevisionRecord
 
@@ -215,7 +215,7 @@ def _anomalies(snapshot: Snapshot, location: LocationRecord, tally: LogTotals) -
 
 
 def _match_anomaly(location: LocationRecord, row: Row) -> None:
-    cells = unpack_cells(row.cells, "anomaly")
+    cells, _ = unpack_event(row.cells, "anomaly")
     if not len(cells) or cells.max() >= location.n_cells:
         raise ValueError(f"its cells are not among the location's {location.n_cells}")
     if row.stop < row.start or row.observed not in (0, 1):

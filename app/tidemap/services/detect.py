@@ -4,14 +4,16 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tidemap.errors import CorruptChunkError, InvalidInputError, refuse_reversed
 from tidemap.history.history import UNOBSERVED
 from tidemap.services.anomalies import Anomaly, anomaly_of
 from tidemap.services.context import Context
+from tidemap.services.grouping import Criterion, Marks, group
 from tidemap.services.history import read_history, window
-from tidemap.services.judge import Criterion, Marks, group
 from tidemap.services.spectra import Fitted, fitted
+from tidemap.space.regions import Array, Looked
 from tidemap.spectral.anomaly import Rule, is_anomalous
 from tidemap.spectral.prediction import predict_times
 from tidemap.storage.records import CHUNK_CELLS, LocationRecord
@@ -62,8 +64,8 @@ def detect(
         except CorruptChunkError:
             if location.n_chunks == 1:
                 raise
-    marks = _joined(parts)
-    return [anomaly_of(location, event) for event in group(location, marks, criterion)], model.revision.revision
+    events = group(location, _joined(parts), criterion, location.gap_samples, _looked(ctx, location))
+    return [anomaly_of(location, event) for event in events], model.revision.revision
 
 
 def _ceiling(location: LocationRecord, time: float) -> int:
@@ -85,6 +87,26 @@ def _search(ctx: Context, model: Fitted, chunk: int, start: int, stop: int, crit
         marked = (states != UNOBSERVED) & is_anomalous(probability, states, criterion.confidence, criterion.rule)
         row, column = np.nonzero(marked)
         yield Marks(low + column, cells[row], states[row, column], probability[row, column])
+
+
+def _looked(ctx: Context, location: LocationRecord) -> Looked | None:
+    """Whether cells were read between samples; None where that does not matter, as the location says how long a gap is.
+
+    What is held was read. Raises CorruptChunkError.
+    """
+
+    def looked(cell: Array, after: Array, before: Array) -> NDArray[np.bool_]:
+        found = np.zeros(len(cell), np.bool_)
+        for chunk in np.unique(cell // CHUNK_CELLS).tolist():
+            rows = np.flatnonzero(cell // CHUNK_CELLS == chunk)
+            start, stop = int(after[rows].min()) + 1, int(before[rows].max())
+            history = read_history(ctx, location, chunk, start, stop)
+            for step in range(1, location.gap_samples + 1):
+                some = rows[after[rows] + step < before[rows]]
+                found[some] |= history.observed_at(cell[some] % CHUNK_CELLS, after[some] + step)
+        return found
+
+    return None if location.event_gap_s is not None else looked
 
 
 def _joined(parts: list[Marks]) -> Marks:

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 from tidemap.errors import DomainError, IdempotencyConflictError, LocationNotFoundError, UnauthorizedError
 from tidemap.formats.registry import Body
-from tidemap.services.anomalies import Anomaly, anomaly_of
+from tidemap.services.anomalies import Anomaly
+from tidemap.services.incidents import EventChange, store_events
 from tidemap.services.keys import Claim, confirm
 from tidemap.storage.records import AnomalyRecord, LocationRecord, ObservationRecord
 from tidemap.storage.work import Work
@@ -24,7 +25,10 @@ class Post:
 
 @dataclass(frozen=True, slots=True)
 class Observed:
-    """What became of a post; events carry their ids. A duplicate, or one of nothing, has no number of its own."""
+    """What became of a post, and of the events that it began or extended.
+
+    A duplicate, or one of nothing, has no number of its own.
+    """
 
     location: str
     source: str | None
@@ -34,8 +38,13 @@ class Observed:
     duplicate: bool
     first_time: float | None
     last_time: float | None
-    anomalies: list[Anomaly]
+    changes: list[EventChange]
     revision: int
+
+    @property
+    def anomalies(self) -> list[Anomaly]:
+        """The events as they are now, with their ids."""
+        return [change.event for change in self.changes]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,9 +129,8 @@ def _settled(entry: Entry, known: dict[str, bytes]) -> Outcome | None:
 
 def _with_events(work: Work, numbers: Mapping[Entry, int]) -> Iterable[tuple[Entry, Outcome]]:
     """Store the events of posts that are stored under these numbers."""
-    events = iter(work.anomalies.append([event for entry in numbers for event in entry.events]))
     for entry, number in numbers.items():
         record, location = entry.record, entry.location
-        stored = [anomaly_of(location, next(events)) for _ in entry.events]
+        changes = store_events(work, location, entry.events)
         what = (number, record.measurements, entry.dropped, False, record.first_time, record.last_time)
-        yield entry, Observed(location.name, record.source, *what, stored, location.revision)
+        yield entry, Observed(location.name, record.source, *what, changes, location.revision)

@@ -16,7 +16,7 @@ from tidemap.history.segment import Segment, merge
 from tidemap.history.snapshot import sort_snapshot
 from tidemap.history.timebase import TimeBase
 from tidemap.space.grid import GridGeometry
-from tidemap.space.regions import label_regions
+from tidemap.space.regions import Spans, label_regions, link
 from tidemap.spectral.anomaly import surprising
 from tidemap.spectral.auto.selection import choose
 from tidemap.spectral.conditioning import UNLEARNED, Evidence
@@ -40,7 +40,8 @@ def _post() -> None:
     if look is not None:
         unpack_measurements(pack_measurements(look), "a look")
     zero = np.zeros(1, np.int64)
-    label_regions(GridGeometry("", (0.0, 0.0, 0.0), 1.0, (1,)), zero, zero, np.zeros(1, np.uint8))
+    label_regions(GridGeometry("", (0.0, 0.0, 0.0), 1.0, (1,)), zero, zero)
+    link(Spans(zero, zero, np.zeros(1, np.uint8), zero, zero), 0)
 
 
 def _compact() -> None:

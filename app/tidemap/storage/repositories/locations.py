@@ -52,7 +52,7 @@ class LocationRepository:
         """How many unacknowledged anomalies each location id has; ids without any are left out."""
         query = (
             select(anomaly.c.location_id, func.count())
-            .where(anomaly.c.acknowledged.is_(False))
+            .where(anomaly.c.acknowledged.is_(False), anomaly.c.part_of.is_(None))
             .group_by(anomaly.c.location_id)
         )
         return {row[0]: row[1] for row in self._connection.execute(query)}

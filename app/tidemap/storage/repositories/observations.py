@@ -1,7 +1,7 @@
 """The repository of the observation log."""
 
 from collections.abc import Callable, Collection, Generator, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from itertools import takewhile
 
@@ -137,6 +137,20 @@ class ObservationRepository:
             .where(observation.c.id <= location.observation_seq)
         )
         return [(row.first_time, row.last_time) for row in self._connection.execute(query)]
+
+    def pending_between(self, location: LocationRecord, start: float, stop: float) -> list[Measurements]:
+        """The observations that are not compacted yet and have measurements in [start, stop), whole; readable ones."""
+        query = (
+            select(observation.c.id, observation.c.payload)
+            .where(observation.c.location_id == location.id, observation.c.payload.is_not(None))
+            .where(observation.c.id > location.compacted_seq)
+            .where(observation.c.first_time < stop, observation.c.last_time >= start)
+        )
+        found = []
+        for row in self._connection.execute(query).all():
+            with suppress(CorruptChunkError):
+                found.append(unpack_measurements(row.payload, f"observation {row.id} of location {location.name!r}"))
+        return found
 
     def recount(self, location: LocationRecord, compacted: tuple[float, float] | None, deleted: int = 0) -> None:
         """Put right what a location counts: the first and last time of what is `compacted` and pending, and what is
