@@ -16,7 +16,7 @@ from tidemap.services.spectra import Fitted, fitted
 from tidemap.space.regions import Array, Looked
 from tidemap.spectral.anomaly import Rule, is_anomalous
 from tidemap.spectral.prediction import predict_times
-from tidemap.storage.records import CHUNK_CELLS, LocationRecord
+from tidemap.storage.records import CHUNK_CELLS, AnomalyRecord, LocationRecord
 
 MAX_MARKS = 2_000_000
 """Surprising cells that one search may find."""
@@ -49,8 +49,17 @@ def detect(
     location = model.location
     confidence = location.confidence if query.confidence is None else query.confidence
     criterion = Criterion(confidence, query.rule, model.revision.revision)
-    first, last = window(ctx, location)
-    start, stop = max(first, int(location.base.sample(query.start))), min(last, _ceiling(location, query.stop))
+    samples = int(location.base.sample(query.start)), _ceiling(location, query.stop)
+    events = search(ctx, model, samples, criterion, check)
+    return [anomaly_of(location, event) for event in events], model.revision.revision
+
+
+def search(
+    ctx: Context, model: Fitted, samples: tuple[int, int], criterion: Criterion, check: Callable[[], None]
+) -> list[AnomalyRecord]:
+    """The events of the history in samples [start, stop), as `detect` finds them. Raises as `detect`."""
+    location, (first, last) = model.location, window(ctx, model.location)
+    start, stop = max(first, samples[0]), min(last, samples[1])
     parts: list[Marks] = []
     found = 0
     for chunk in range(location.n_chunks):
@@ -64,8 +73,7 @@ def detect(
         except CorruptChunkError:
             if location.n_chunks == 1:
                 raise
-    events = group(location, _joined(parts), criterion, location.gap_samples, _looked(ctx, location))
-    return [anomaly_of(location, event) for event in events], model.revision.revision
+    return group(location, _joined(parts), criterion, location.gap_samples, _looked(ctx, location))
 
 
 def _ceiling(location: LocationRecord, time: float) -> int:

@@ -73,6 +73,14 @@ class LocationRepository:
             self._connection.execute(update(location_table).where(location_table.c.id == record.id).values(**values))
         return self.get(new_name)
 
+    def judge(self, location_id: int, known: tuple[int, float | None], until: float) -> bool:
+        """Say up to when what is held was judged, and keep others from posting; False where anybody has posted, or
+        judged, since the number of observations and the time were as `known`."""
+        seq, judged_to = known
+        mine = (location_table.c.id == location_id) & (location_table.c.observation_seq == seq)
+        mine &= location_table.c.judged_to.is_not_distinct_from(judged_to)
+        return self._connection.execute(update(location_table).where(mine).values(judged_to=until)).rowcount == 1
+
     def delete(self, name: str) -> int:
         """With everything that belongs to it; its id. Raises LocationNotFoundError."""
         location_id = self.get(name).id

@@ -245,6 +245,8 @@ _BY_KEY = select(observation.c.idempotency_key, observation.c.body_hash).where(
     observation.c.location_id == bindparam("location"),
     observation.c.idempotency_key.in_(bindparam("keys", expanding=True)),
 )
+# What a location without a model holds is never judged, so nothing is to be judged again.
+_HELD = (location_table.c.missing == "hold") & (location_table.c.revision > 0)
 _NUMBER = (
     update(location_table)
     .where(location_table.c.id == bindparam("location"))
@@ -253,6 +255,7 @@ _NUMBER = (
         measurements=location_table.c.measurements + bindparam("more"),
         first_time=_unless(location_table.c.first_time, location_table.c.first_time > _FIRST, _FIRST),
         last_time=_unless(location_table.c.last_time, location_table.c.last_time < _LAST, _LAST),
+        judged_to=case((_HELD, _unless(location_table.c.judged_to, location_table.c.judged_to > _FIRST, _FIRST))),
     )
     .returning(location_table.c.observation_seq)
 )
