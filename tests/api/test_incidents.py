@@ -136,7 +136,8 @@ def test_late_data_join_two_events_into_the_older(house: Api, heard: list[EventM
     post_minutes(house, name, [(5, 1)])
     (event,) = events(house, name)
     assert (event["id"], bounds([event]), event["note"]) == (older, [(0, 11)], "seen")
-    assert done(house.get(f"/anomalies/{younger}")) == done(house.get(f"/anomalies/{older}")) == event
+    shown = done(house.get(f"/anomalies/{younger}"))
+    assert shown == done(house.get(f"/anomalies/{older}")) == event | {"reasons": shown["reasons"]}
     assert done(house.post(f"/anomalies/{younger}/acknowledge", {"note": "again"}))["id"] == older
     assert (heard[-1].id, heard[-1].wire()["joined"], heard[-1].wire()["update"]) == (older, [younger], True)
     assert events(house, name)[0]["note"] == "again"
@@ -174,3 +175,62 @@ def test_a_cursor_stays_a_resume_point_while_an_event_grows(house: Api) -> None:
     assert [event["id"] for event in done(again)["items"]] == [first["id"], second["id"]]
     assert [event["id"] for event in done(house.get(f"/anomalies?after={first['id']}"))["items"]] == [second["id"]]
     assert bounds([done(house.get(f"/anomalies/{first['id']}"))]) == [(0, 2)]
+
+
+def test_an_event_gives_its_reasons(house: Api) -> None:
+    """Seen open once before at that hour of that weekday, three weeks ago; closed otherwise."""
+    name = door(house)
+    house.observe(name, [NIGHT - 21 * DAY + 5 * MINUTE], [1])
+    (event,) = post_minutes(house, name, [(7, 1)])[0]
+    why = done(house.get(f"/anomalies/{event['id']}"))["reasons"]
+    assert why["last_like_this"] == iso(NIGHT - 21 * DAY + 5 * MINUTE)
+    assert (why["cell"], why["observed"], why["samples"]) == (0, 1, 6 * 6 + 1)
+    assert why["usual"] == pytest.approx(1 / 37)
+    assert why["expected"] == pytest.approx(1 - event["surprise"], abs=1e-6)
+
+
+def test_reasons_are_those_of_the_local_clock(house: Api) -> None:
+    """The hours of a week ago begin where the wall's clock showed the same, also across daylight saving."""
+    name = house.location(interval_s=MINUTE, estimator="static", time_zone="Europe/London")
+    night = parse_time("2026-02-21T02:00:00Z")
+    house.observe(name, night + MINUTE * np.arange(60), np.zeros(60, int))
+    house.update(name)
+    (event,) = house.observe(name, [parse_time("2026-02-28T02:59:00Z")], [1])["anomalies"]
+    why = done(house.get(f"/anomalies/{event['id']}"))["reasons"]
+    assert (why["usual"], why["samples"], why["last_like_this"]) == (0.0, 60, None)
+
+
+@pytest.mark.parametrize("rule", ["surprise", "paper"])
+def test_a_confidence_is_found_that_gives_few_enough_events(house: Api, rule: str) -> None:
+    """What the answer says of each confidence is what a search by it finds."""
+    name = house.location(estimator="static")
+    chance = np.random.default_rng(1)
+    states = chance.random(24 * 28) < 0.05
+    house.observe(name, NOW - 28 * DAY + HOUR * np.arange(24 * 28), states.astype(int))
+    house.update(name)
+    few, many = (
+        done(house.get(f"/locations/{name}/confidence", params={"false_alarms_per_week": n, "rule": rule}))
+        for n in (0, 1000)
+    )
+    assert few["weeks"] == pytest.approx(4, rel=0.02)
+    assert (many["confidence"], many["reached"]) == (0.5, True)
+    assert few["rates"] == many["rates"]
+    for rate in few["rates"]:
+        form = {"start": few["start"], "stop": few["stop"], "confidence": rate["confidence"], "rule": rule}
+        found = done(house.post(f"/locations/{name}/anomalies/detect", form))["items"]
+        assert rate["events"] == len(found)
+        assert rate["per_week"] == pytest.approx(len(found) / few["weeks"])
+        assert rate["low"] <= rate["per_week"] < rate["high"]
+    assert few["reached"] == any(rate["events"] == 0 for rate in few["rates"])
+    assert few["reached"] == (rule == "surprise")
+
+
+def test_a_rate_is_bounded_as_poisson_rates_are(house: Api) -> None:
+    """No event in four weeks: with 95 % fewer than 3 in all of them, as exp(-3) is .05."""
+    name = house.location(estimator="static")
+    house.observe(name, NOW - 28 * DAY + HOUR * np.arange(24 * 28), np.zeros(24 * 28, int))
+    house.update(name)
+    found = done(house.get(f"/locations/{name}/confidence"))
+    assert {rate["events"] for rate in found["rates"]} == {0}
+    assert found["rates"][0]["high"] * found["weeks"] == pytest.approx(-np.log(0.05))
+    assert (found["rule"], found["confidence"], found["rates"][0]["low"]) == ("surprise", 0.5, 0.0)

@@ -7,7 +7,7 @@ from tidemap.client.operation import Resource, operation, paged
 from tidemap.client.plans import F, Listing, Plan, Request, ask
 from tidemap.client.requests import post, present
 from tidemap.client.times import TimeLike
-from tidemap.schemas.anomalies import Event
+from tidemap.schemas.anomalies import Event, EventDetail
 from tidemap.schemas.common import Page
 from tidemap.schemas.jobs import Job
 from tidemap.schemas.keys import Key, NewKey, Role
@@ -68,6 +68,7 @@ class ClientOperations(AnomalyOperations, Generic[Handle]):
         combine: Combine | None = None,
         retention: float | None = None,
         min_cells: int | None = None,
+        event_gap_s: float | None = None,
     ) -> Plan[Handle]:
         """Make a location and return its handle; what is left out is the server's default.
 
@@ -89,6 +90,7 @@ class ClientOperations(AnomalyOperations, Generic[Handle]):
             combine=combine,
             retention=retention,
             min_cells=min_cells,
+            event_gap_s=event_gap_s,
         )
         location = yield from ask(Location, post(f"{self.path}/locations", form, repeatable=False))
         return self.location(location.name)
@@ -99,9 +101,12 @@ class ClientOperations(AnomalyOperations, Generic[Handle]):
         return Listing(Page[Location], f"{self.path}/locations", {}).everything()
 
     @operation
-    def anomaly(self, anomaly_id: int) -> Plan[Event]:
-        """A stored anomaly with all of its cells; lists have the first 10,000."""
-        return ask(Event, Request("GET", f"{self.path}/anomalies/{anomaly_id}"))
+    def anomaly(self, anomaly_id: int) -> Plan[EventDetail]:
+        """A stored anomaly with all of its cells, and its reasons; lists have the first 10,000 cells.
+
+        Of one that became a part of an older anomaly, that.
+        """
+        return ask(EventDetail, Request("GET", f"{self.path}/anomalies/{anomaly_id}"))
 
     @operation
     def acknowledge(self, anomaly_id: int, note: str | None = None) -> Plan[Event]:

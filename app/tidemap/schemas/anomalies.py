@@ -47,6 +47,58 @@ class Event(Answer):
     note: str | None = None
 
 
+class EventReasons(Answer):
+    """Why an event is one, of the `cell` that was most surprising when it began, by the model as it is now.
+
+    `expected` is the probability that it is occupied then. `usual` is the share of `samples` in which it was occupied
+    at that hour of that weekday, in the eight weeks before; null without any. `last_like_this` is the latest time
+    before, at that hour of that weekday in half a year, when it was as it was in the event; null where it never was.
+    """
+
+    cell: int
+    observed: Literal[0, 1]
+    expected: float | None
+    usual: float | None
+    samples: int
+    last_like_this: TimeOut | None
+
+
+class EventDetail(Event):
+    """An event with its reasons; they are null where its cells cannot be read."""
+
+    reasons: EventReasons | None = None
+
+
+class ConfidenceRate(Answer):
+    """What a confidence gives on the history: `events`, the mean of a week, and bounds of it that hold with 90 %.
+
+    They are null where there are too many to count.
+    """
+
+    confidence: float
+    events: int | None
+    per_week: float | None
+    low: float | None
+    high: float | None
+
+
+class ConfidenceAnswer(Answer):
+    """The least confidence tried that gives no more than the wanted events a week on `weeks` of history.
+
+    `reached` is false where none does; then it is the one that gives the fewest. All of the history in [start, stop)
+    is taken to have been in order, and the model was fitted to it: what comes later is a little more surprising.
+    """
+
+    rule: Rule
+    confidence: float
+    reached: bool
+    start: TimeOut
+    stop: TimeOut
+    weeks: float
+    revision: int
+    rates: list[ConfidenceRate]
+
+
 class DetectForm(Form):
     """Which part of the history to search for anomalies."""
 

@@ -40,12 +40,17 @@ def store_events(work: Work, location: LocationRecord, events: Sequence[AnomalyR
     if not events:
         return []
     groups = [group for group in _grouped(work, location, events, _near(work, location, events)) if group[-1].id == 0]
-    fresh = work.anomalies.append([_united(group) for group in groups if group[0].id == 0])
-    numbered = iter(fresh)
-    return [
-        _extended(work, location, group) if group[0].id else EventChange(anomaly_of(location, next(numbered)), "new")
-        for group in groups
+    united = [_united(group) for group in groups]
+    numbered = iter(work.anomalies.append([event for event in united if not event.id]))
+    changes = [
+        _change(location, event, group) if event.id else EventChange(anomaly_of(location, next(numbered)), "new")
+        for event, group in zip(united, groups, strict=True)
     ]
+    work.anomalies.change([change.event for change in changes if change.done == "updated"])
+    for change in changes:
+        if change.joined:
+            work.anomalies.absorb(location.id, change.joined, change.event.id)
+    return changes
 
 
 def _near(work: Work, location: LocationRecord, events: Sequence[AnomalyRecord]) -> list[AnomalyRecord]:
@@ -89,17 +94,12 @@ def _spans(location: LocationRecord, records: Sequence[AnomalyRecord]) -> Spans:
     return Spans(label[rows], cell[rows], state, first, last)
 
 
-def _extended(work: Work, location: LocationRecord, group: list[AnomalyRecord]) -> EventChange:
-    """Store what has become of the oldest of a group."""
+def _change(location: LocationRecord, united: AnomalyRecord, group: Sequence[AnomalyRecord]) -> EventChange:
+    """What has become of the oldest of a group."""
     oldest, *others = [record for record in group if record.id]
-    united = _united(group)
     if not others and _alike(united, oldest):
         return EventChange(anomaly_of(location, oldest), "kept")
-    work.anomalies.change(united)
-    joined = tuple(record.id for record in others)
-    if joined:
-        work.anomalies.absorb(location.id, joined, oldest.id)
-    return EventChange(anomaly_of(location, united), "updated", joined)
+    return EventChange(anomaly_of(location, united), "updated", tuple(record.id for record in others))
 
 
 def _alike(one: AnomalyRecord, other: AnomalyRecord) -> bool:

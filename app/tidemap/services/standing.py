@@ -85,6 +85,5 @@ def _cut(work: Work, location: LocationRecord, time: float) -> list[AnomalyRecor
     """End the events that go on at a time there, as what follows is judged anew."""
     crossing = [event for event in work.anomalies.near(location.id, time, time) if event.start < time < event.stop]
     ended = [replace(event, stop=time) for event in crossing if event.damage is None]
-    for event in ended:
-        work.anomalies.change(event)
+    work.anomalies.change(ended)
     return ended

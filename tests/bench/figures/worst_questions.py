@@ -86,6 +86,7 @@ def questions() -> Iterator[tuple[str, Question]]:
     yield "series", ("GET", f"{door}/series?start={START}&stop={START + 999_999}&step=1", {})
     yield "model", ("GET", f"{door}/model?order=64", {})
     yield "detect", ("POST", f"{door}/anomalies/detect", {"json": {**whole, "confidence": 0.5, "rule": "paper"}})
+    yield "confidence", ("GET", f"{door}/confidence?rule=paper", {})
     yield "evaluate", ("POST", f"{door}/evaluate", {"json": {**whole, "orders": orders}})
     yield "anomalies", ("GET", "/anomalies?limit=1000", {})
     yield from posts()

@@ -60,12 +60,10 @@ class AnomalyRepository:
         bounds = {"location": location_id, "start": start, "stop": stop}
         return [_record(row) for row in self._connection.execute(_NEAR, bounds).mappings()]
 
-    def change(self, record: AnomalyRecord) -> None:
-        """Store what has become of an event."""
-        mine = (anomaly.c.location_id == record.location_id) & (anomaly.c.id == record.id)
-        values = {name: getattr(record, name) for name in (*_GROWS, *_KEPT)}
-        values |= {"cells": pack_event(record.cells, record.seen), "acknowledged": record.acknowledged_by is not None}
-        self._connection.execute(update(anomaly).where(mine).values(**values))
+    def change(self, records: Sequence[AnomalyRecord]) -> None:
+        """Store what has become of events."""
+        if records:
+            self._connection.execute(_CHANGE, [_changed(record) for record in records])
 
     def absorb(self, location_id: int, ids: Sequence[int], into: int) -> None:
         """Have events be part of an older one from now on."""
@@ -111,6 +109,12 @@ def _row(record: AnomalyRecord) -> dict[str, Any]:
     }
 
 
+def _changed(record: AnomalyRecord) -> dict[str, Any]:
+    values = {name: getattr(record, name) for name in (*_GROWS, *_KEPT)}
+    values |= {"cells": pack_event(record.cells, record.seen), "acknowledged": record.acknowledged_by is not None}
+    return values | {"its_location": record.location_id, "its_id": record.id}
+
+
 def _record(row: RowMapping) -> AnomalyRecord:
     values = {name: row[name] for name in _COLUMNS}
     try:
@@ -127,4 +131,9 @@ _NEAR = (
     .where(anomaly.c.stop >= bindparam("start"), anomaly.c.start <= bindparam("stop"))
     .order_by(anomaly.c.id)
     .with_for_update()
+)
+_CHANGE = (
+    update(anomaly)
+    .where(anomaly.c.location_id == bindparam("its_location"), anomaly.c.id == bindparam("its_id"))
+    .values({name: bindparam(name) for name in (*_GROWS, *_KEPT, "cells", "acknowledged")})
 )
