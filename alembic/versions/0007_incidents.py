@@ -1,14 +1,14 @@
 """events that grow, and how far what is held was judged
 
 Revision: 0007
-Revises: 0004
+Revises: 0009
 """
 
 import sqlalchemy as sa
 from alembic import op
 
 revision = "0007"
-down_revision = "0004"
+down_revision = "0009"
 branch_labels = None
 depends_on = None
 

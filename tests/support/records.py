@@ -24,6 +24,8 @@ def location_record(**values: Any) -> LocationRecord:
         "retention_s": None,
         "min_cells": 1,
         "event_gap_s": None,
+        "calendar": None,
+        "pose": None,
         "created_at": 0.0,
         "observation_seq": 0,
         "compacted_seq": 0,

@@ -6,11 +6,16 @@ from typing import Any, Literal
 from tidemap.schemas.common import iso
 
 Kind = Literal["observation", "anomaly", "update", "job"]
+TIMES = ("start", "stop", "acknowledged_at")
+"""What is written as ISO 8601 of the data."""
 
 
 @dataclass(frozen=True, slots=True)
 class EventMessage:
-    """Something happened at a location. `id` numbers observations, anomalies, revisions or jobs; `data` adds to it."""
+    """Something happened at a location. `id` numbers observations, anomalies, revisions or jobs.
+
+    `data` adds to it: plain values, those of TIMES in Unix seconds.
+    """
 
     kind: Kind
     location: str
@@ -20,8 +25,10 @@ class EventMessage:
 
     def wire(self) -> dict[str, Any]:
         """As it goes over the WebSocket."""
+        times = {name: self.data[name] for name in TIMES if self.data.get(name) is not None}
         return {
             **self.data,
+            **{name: iso(time_s) for name, time_s in times.items()},
             "kind": self.kind,
             "location": self.location,
             "id": self.id,

@@ -54,6 +54,11 @@ def _known_zone(name: str) -> str:
     return name
 
 
+CalendarCode = Annotated[str, Field(pattern=r"^[A-Z]{2}(-[A-Z0-9]{1,3})?$", examples=["GB", "DE-BY"])]
+CALENDAR = (
+    "ISO 3166 code of a country (`GB`) or of a part of one (`GB-ENG`): its public holidays count as Sundays in models "
+    "of the estimator `calendar`."
+)
 TimeZone = Annotated[str, AfterValidator(_known_zone), Field(examples=["Europe/London"])]
 
 
@@ -69,6 +74,13 @@ class Grid(Form):
     def n_cells(self) -> int:
         """How many cells the grid has."""
         return math.prod(self.shape)
+
+
+class Position(Form):
+    """Where a location stands in a frame, in metres: a door or a room in the map of its building."""
+
+    frame: Text = Field("map", min_length=1, max_length=128)
+    position: Annotated[tuple[Metres, Metres, Metres], Strict(False)]
 
 
 class LocationForm(Form):
@@ -102,6 +114,8 @@ class LocationForm(Form):
     )
     min_cells: MinCells = Field(1, description="Events of fewer neighbouring cells at a time are not reported.")
     event_gap_s: GapSeconds | None = Field(None, description=EVENT_GAP)
+    calendar: CalendarCode | None = Field(None, description=CALENDAR)
+    pose: Position | None = Field(None, description="Where it stands in the map of its building.")
 
     @model_validator(mode="after")
     def _consistent(self) -> "LocationForm":
@@ -139,6 +153,8 @@ class LocationPatch(Form):
     retention: Seconds | None = None
     min_cells: MinCells | None = None
     event_gap_s: GapSeconds | None = None
+    calendar: CalendarCode | None = None
+    pose: Position | None = None
 
     kind: Fixed = None
     interval_s: Fixed = None
@@ -165,6 +181,8 @@ class Location(Answer):
     retention: float | None
     min_cells: int
     event_gap_s: float | None = None
+    calendar: str | None = None
+    pose: Position | None = None
     created_at: TimeOut
     observations: int
     first_time: TimeOut | None

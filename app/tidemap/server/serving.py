@@ -20,8 +20,8 @@ from tidemap.server.demo import Demo
 from tidemap.server.memory import periodic_trim
 from tidemap.server.processes import Extension, all_in_one
 from tidemap.server.protocol import BoundedHttpProtocol, BoundedWebSocketProtocol
+from tidemap.server.warming import warm_up
 from tidemap.services.context import Context
-from tidemap.services.warm import warm
 
 GRACE_S = 10
 MAX_MESSAGE_BYTES = 2**20
@@ -65,7 +65,7 @@ def serve(ctx: Context, options: ServeOptions, *extensions: Extension) -> int:
         # First, for a port in use is said at once, before kernels are compiled.
         bound = _bind(settings.host, settings.port)
         stack.callback(bound.close)
-        warm()
+        warm_up()
         stack.enter_context(periodic_trim())
         site = stack.enter_context(all_in_one(ctx, *extensions))
         census = Census(settings.max_connections, settings.max_connections_per_address)

@@ -28,7 +28,7 @@ SURE = 0.9
 
 
 @dataclass(frozen=True, slots=True)
-class Rate:
+class EventRate:
     """What a confidence gives on the history: `events`, and of a week the mean and bounds that hold with 90 %.
 
     None of them where there are too many to count.
@@ -53,7 +53,7 @@ class ConfidenceView:
     stop: float
     weeks: float
     revision: int
-    rates: list[Rate]
+    rates: list[EventRate]
 
 
 def find_confidence(
@@ -85,13 +85,13 @@ def _rate(
     criterion: Criterion,
     weeks: float,
     check: Callable[[], None],
-) -> Rate:
+) -> EventRate:
     """What one confidence gives. The bounds are those of a Poisson rate (Garwood, 1936)."""
     try:
         count = len(search(ctx, model, samples, criterion, check))
     except InvalidInputError:
-        return Rate(criterion.confidence, None, None, None, None)
+        return EventRate(criterion.confidence, None, None, None, None)
     tail = (1 - SURE) / 2
     low = float(gammaincinv(count, tail)) if count else 0.0
     high = float(gammaincinv(count + 1, 1 - tail))
-    return Rate(criterion.confidence, count, count / weeks, low / weeks, high / weeks)
+    return EventRate(criterion.confidence, count, count / weeks, low / weeks, high / weeks)

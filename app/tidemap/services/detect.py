@@ -7,16 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.errors import CorruptChunkError, InvalidInputError, refuse_reversed
+from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.history import UNOBSERVED
 from tidemap.services.anomalies import Anomaly, anomaly_of
 from tidemap.services.context import Context
 from tidemap.services.grouping import Criterion, Marks, group
 from tidemap.services.history import read_history, window
 from tidemap.services.spectra import Fitted, fitted
-from tidemap.space.regions import Array, Looked
+from tidemap.space.regions import Array, WasRead
 from tidemap.spectral.anomaly import Rule, is_anomalous
 from tidemap.spectral.prediction import predict_times
-from tidemap.storage.records import CHUNK_CELLS, AnomalyRecord, LocationRecord
+from tidemap.storage.records import AnomalyRecord, LocationRecord
 
 MAX_MARKS = 2_000_000
 """Surprising cells that one search may find."""
@@ -73,7 +74,7 @@ def search(
         except CorruptChunkError:
             if location.n_chunks == 1:
                 raise
-    return group(location, _joined(parts), criterion, location.gap_samples, _looked(ctx, location))
+    return group(location, _joined(parts), criterion, location.gap_samples, _was_read(ctx, location))
 
 
 def _ceiling(location: LocationRecord, time: float) -> int:
@@ -97,13 +98,13 @@ def _search(ctx: Context, model: Fitted, chunk: int, start: int, stop: int, crit
         yield Marks(low + column, cells[row], states[row, column], probability[row, column])
 
 
-def _looked(ctx: Context, location: LocationRecord) -> Looked | None:
+def _was_read(ctx: Context, location: LocationRecord) -> WasRead | None:
     """Whether cells were read between samples; None where that does not matter, as the location says how long a gap is.
 
     What is held was read. Raises CorruptChunkError.
     """
 
-    def looked(cell: Array, after: Array, before: Array) -> NDArray[np.bool_]:
+    def was_read(cell: Array, after: Array, before: Array) -> NDArray[np.bool_]:
         found = np.zeros(len(cell), np.bool_)
         for chunk in np.unique(cell // CHUNK_CELLS).tolist():
             rows = np.flatnonzero(cell // CHUNK_CELLS == chunk)
@@ -114,7 +115,7 @@ def _looked(ctx: Context, location: LocationRecord) -> Looked | None:
                 found[some] |= history.observed_at(cell[some] % CHUNK_CELLS, after[some] + step)
         return found
 
-    return None if location.event_gap_s is not None else looked
+    return None if location.event_gap_s is not None else was_read
 
 
 def _joined(parts: list[Marks]) -> Marks:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.space.regions import Looked, Spans, label_regions, link
+from tidemap.space.regions import Spans, WasRead, label_regions, link
 from tidemap.spectral.anomaly import Rule, surprise
 from tidemap.storage.records import SEEN_FREE, SEEN_OCCUPIED, AnomalyRecord, LocationRecord
 
@@ -34,12 +34,12 @@ class Criterion:
 
 
 def group(
-    location: LocationRecord, marks: Marks, criterion: Criterion, gap: int = 0, looked: Looked | None = None
+    location: LocationRecord, marks: Marks, criterion: Criterion, gap: int = 0, was_read: WasRead | None = None
 ) -> list[AnomalyRecord]:
     """The events, in order of their start.
 
     Neighbouring marks of one sample belong together, whatever their states, where they are at least `min_cells`; and
-    what continues them after at most `gap` samples in which nobody `looked`: see `link`.
+    what continues them after at most `gap` samples without a reading of it: see `link`.
     """
     least = min(location.min_cells, location.n_cells)
     if len(marks.cell) < least:
@@ -52,7 +52,7 @@ def group(
     if marks.sample.min() != marks.sample.max():
         sample = np.empty(len(regions), np.int64)
         sample[label] = marks.sample
-        label = link(Spans(label, marks.cell, marks.state, sample, sample), gap, looked)[label]
+        label = link(Spans(label, marks.cell, marks.state, sample, sample), gap, was_read)[label]
     return _events(location, label, marks, criterion)
 
 

@@ -1,7 +1,7 @@
 """Incidents: what continues a stored event extends it, and what joins two of them makes them one.
 
 Two events are one when both show a cell in the same state, at most the location's `gap_samples` lie between them and,
-unless it says how long a gap may be, nobody looked at the cell meanwhile. The order in which they come makes no
+unless it says how long a gap may be, the cell was not read meanwhile. The order in which they come makes no
 difference: see `link`. What was published as one stays one.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from tidemap.services.anomalies import Anomaly, anomaly_of
 from tidemap.services.grouping import with_seen
-from tidemap.services.looks import looked_between
+from tidemap.services.read_between import read_between
 from tidemap.space.regions import Spans, link
 from tidemap.storage.records import SEEN_FREE, SEEN_OCCUPIED, AnomalyRecord, LocationRecord
 from tidemap.storage.work import Work
@@ -74,8 +74,8 @@ def _grouped(
 ) -> list[list[AnomalyRecord]]:
     """What makes one event each, in order of the start: stored ones first, the oldest first of all."""
     records = [*stored, *events]
-    looked = partial(looked_between, work, location) if location.event_gap_s is None else None
-    number = link(_spans(location, records), location.gap_samples, looked)
+    was_read = partial(read_between, work, location) if location.event_gap_s is None else None
+    number = link(_spans(location, records), location.gap_samples, was_read)
     groups: dict[int, list[AnomalyRecord]] = {}
     for record, own in zip(records, number.tolist(), strict=True):
         groups.setdefault(own, []).append(record)

@@ -1,17 +1,15 @@
-"""Messages of the bus as services make them, and those that somebody has missed."""
+"""Messages of stored events, and those that somebody has missed."""
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from typing import Any
 
 from tidemap.events.messages import EventMessage
-from tidemap.schemas.common import iso
 from tidemap.services.anomalies import Anomaly, EventQuery, list_events
 from tidemap.services.context import Context
 from tidemap.services.incidents import EventChange, published
 from tidemap.services.listing import shortened
 
-TIMES = ("start", "stop", "acknowledged_at")
 HIDDEN = ("location_id", "damage", "seen", "marks", "part_of")
 
 
@@ -43,7 +41,6 @@ def missed_anomalies(ctx: Context, location: str | None, after: int, limit: int)
 
 def _data(event: Anomaly) -> dict[str, Any]:
     values = {each.name: getattr(event, each.name) for each in fields(event) if each.name not in HIDDEN}
-    times = {name: None if values[name] is None else iso(values[name]) for name in TIMES}
     parts = event.parts
     shown = None if parts is None else {name: cells.tolist() for name, cells in parts.items()}
-    return values | times | {"cells": event.cells.tolist(), "bbox": event.bbox and list(event.bbox), "parts": shown}
+    return values | {"cells": event.cells.tolist(), "bbox": event.bbox and list(event.bbox), "parts": shown}

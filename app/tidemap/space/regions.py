@@ -31,7 +31,7 @@ def label_regions(grid: GridGeometry, sample: NDArray[np.int64], cell: NDArray[n
 
 
 Array = NDArray[np.int64]
-Looked: TypeAlias = Callable[[Array, Array, Array], NDArray[np.bool_]]
+WasRead: TypeAlias = Callable[[Array, Array, Array], NDArray[np.bool_]]
 """Whether a cell was read in a sample between two others: (cell, after, before), (n,) each."""
 
 
@@ -50,11 +50,11 @@ class Spans:
     last: Array
 
 
-def link(spans: Spans, gap: int, looked: Looked | None = None) -> Array:
+def link(spans: Spans, gap: int, was_read: WasRead | None = None) -> Array:
     """The number (m,) of what each group is part of, when those that continue one another are one.
 
-    Two groups are one when they show a cell in the same state, at most `gap` samples lie between them, and nobody
-    `looked` at that cell meanwhile. What they make is joined in the same way, until nothing is left to join; the result
+    Two groups are one when they show a cell in the same state, at most `gap` samples lie between them, and that
+    cell `was_read` in none. What they make is joined in the same way, until nothing is left to join; the result
     depends neither on their order nor on the steps taken, as to join only grows cells and spans. A step is
     O(n log n), and few are needed.
     """
@@ -64,9 +64,9 @@ def link(spans: Spans, gap: int, looked: Looked | None = None) -> Array:
         cell, owner = spans.cell[rows], label[rows]
         begin, reach = first[owner], _reached(cell, spans.state[rows], last[owner])
         near = np.flatnonzero(begin - reach <= gap + 1)
-        if looked is not None:
+        if was_read is not None:
             apart = near[begin[near] - reach[near] > 1]
-            near = np.setdiff1d(near, apart[looked(cell[apart], reach[apart], begin[apart])], assume_unique=True)
+            near = np.setdiff1d(near, apart[was_read(cell[apart], reach[apart], begin[apart])], assume_unique=True)
         parent = np.arange(len(first))
         if not _unite(owner[near - 1], owner[near], parent):
             return group

@@ -1,4 +1,4 @@
-"""Looks: which cells were read in some samples, as a writer's transaction sees it, with what it has just stored."""
+"""Readings between: which cells were read meanwhile, as a writer sees it, with what it has just stored."""
 
 from collections.abc import Iterator
 
@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.errors import CorruptChunkError
+from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.history import UNOBSERVED
 from tidemap.history.segment import SEGMENT_SAMPLES
-from tidemap.storage.records import CHUNK_CELLS, LocationRecord
+from tidemap.storage.records import LocationRecord
 from tidemap.storage.work import Work
 
 Cells = NDArray[np.int64]
@@ -18,7 +19,7 @@ STEP_BITS = 38
 """As many cells as a location may have leave so many bits for samples, eight years of milliseconds."""
 
 
-def looked_between(
+def read_between(
     work: Work, location: LocationRecord, cell: Cells, after: Samples, before: Samples
 ) -> NDArray[np.bool_]:
     """(n,) whether each cell was read in a sample between two others. Damaged readings are left out."""
