@@ -99,20 +99,17 @@ def _search(ctx: Context, model: Fitted, chunk: int, start: int, stop: int, crit
 
 
 def _was_read(ctx: Context, location: LocationRecord) -> WasRead | None:
-    """Whether cells were read between samples; None where that does not matter, as the location says how long a gap is.
+    """Whether cells were read in samples; None where that does not matter, as the location says how long a gap is.
 
     What is held was read. Raises CorruptChunkError.
     """
 
-    def was_read(cell: Array, after: Array, before: Array) -> NDArray[np.bool_]:
+    def was_read(cell: Array, sample: Array) -> NDArray[np.bool_]:
         found = np.zeros(len(cell), np.bool_)
         for chunk in np.unique(cell // CHUNK_CELLS).tolist():
             rows = np.flatnonzero(cell // CHUNK_CELLS == chunk)
-            start, stop = int(after[rows].min()) + 1, int(before[rows].max())
-            history = read_history(ctx, location, chunk, start, stop)
-            for step in range(1, location.gap_samples + 1):
-                some = rows[after[rows] + step < before[rows]]
-                found[some] |= history.observed_at(cell[some] % CHUNK_CELLS, after[some] + step)
+            history = read_history(ctx, location, chunk, int(sample[rows].min()), int(sample[rows].max()) + 1)
+            found[rows] = history.observed_at(cell[rows] % CHUNK_CELLS, sample[rows])
         return found
 
     return None if location.event_gap_s is not None else was_read

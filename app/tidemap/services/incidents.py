@@ -14,7 +14,7 @@ import numpy as np
 
 from tidemap.services.anomalies import Anomaly, anomaly_of
 from tidemap.services.grouping import with_seen
-from tidemap.services.read_between import read_between
+from tidemap.services.was_read import was_read
 from tidemap.space.regions import Spans, link
 from tidemap.storage.records import SEEN_FREE, SEEN_OCCUPIED, AnomalyRecord, LocationRecord
 from tidemap.storage.work import Work
@@ -74,8 +74,8 @@ def _grouped(
 ) -> list[list[AnomalyRecord]]:
     """What makes one event each, in order of the start: stored ones first, the oldest first of all."""
     records = [*stored, *events]
-    was_read = partial(read_between, work, location) if location.event_gap_s is None else None
-    number = link(_spans(location, records), location.gap_samples, was_read)
+    splits = partial(was_read, work, location) if location.event_gap_s is None else None
+    number = link(_spans(location, records), location.gap_samples, splits)
     groups: dict[int, list[AnomalyRecord]] = {}
     for record, own in zip(records, number.tolist(), strict=True):
         groups.setdefault(own, []).append(record)

@@ -31,8 +31,8 @@ def label_regions(grid: GridGeometry, sample: NDArray[np.int64], cell: NDArray[n
 
 
 Array = NDArray[np.int64]
-WasRead: TypeAlias = Callable[[Array, Array, Array], NDArray[np.bool_]]
-"""Whether a cell was read in a sample between two others: (cell, after, before), (n,) each."""
+WasRead: TypeAlias = Callable[[Array, Array], NDArray[np.bool_]]
+"""Whether each cell was read in the sample beside it, (n,) each."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,8 +65,7 @@ def link(spans: Spans, gap: int, was_read: WasRead | None = None) -> Array:
         begin, reach = first[owner], _reached(cell, spans.state[rows], last[owner])
         near = np.flatnonzero(begin - reach <= gap + 1)
         if was_read is not None:
-            apart = near[begin[near] - reach[near] > 1]
-            near = np.setdiff1d(near, apart[was_read(cell[apart], reach[apart], begin[apart])], assume_unique=True)
+            near = near[~_read_between(cell[near], reach[near], begin[near], gap, was_read)]
         parent = np.arange(len(first))
         if not _unite(owner[near - 1], owner[near], parent):
             return group
@@ -75,6 +74,16 @@ def link(spans: Spans, gap: int, was_read: WasRead | None = None) -> Array:
         np.minimum.at(starts, number, first)
         np.maximum.at(stops, number, last)
         group, label, first, last = number[group], number[label], starts, stops
+
+
+def _read_between(cell: Array, after: Array, before: Array, gap: int, was_read: WasRead) -> NDArray[np.bool_]:
+    """(n,) whether each cell was read in one of the samples, at most `gap`, between two others."""
+    found = np.zeros(len(cell), np.bool_)
+    for step in range(1, gap + 1):
+        rows = np.flatnonzero(after + step < before)
+        if rows.size:
+            found[rows] |= was_read(cell[rows], after[rows] + step)
+    return found
 
 
 @njit(cache=True, nogil=True)
