@@ -1,14 +1,14 @@
 """what became of scans
 
 Revision: 0006
-Revises: 0009
+Revises: 0005
 """
 
 import sqlalchemy as sa
 from alembic import op
 
 revision = "0006"
-down_revision = "0009"
+down_revision = "0005"
 branch_labels = None
 depends_on = None
 

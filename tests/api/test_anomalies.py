@@ -289,7 +289,9 @@ class TestMany:
         assert (block["cells"], block["cells_total"]) == (BLOCK[:10_000], 15_000)
         path = f"/locations/{block['location']}/anomalies"
         assert block in done(api.get(path, params={"limit": 1000}))["items"]
-        assert done(api.get(f"/anomalies/{block['id']}")) == {**block, "cells": BLOCK}
+        alone = done(api.get(f"/anomalies/{block['id']}"))
+        assert alone == {**block, "cells": BLOCK, "reasons": alone["reasons"]}
+        assert alone["reasons"]["cell"] in BLOCK
 
     def test_all_are_stored(self, api: Api, answer: Any) -> None:
         name = answer["anomalies"][0]["location"]

@@ -159,6 +159,12 @@ QUESTIONS = [
     *(form(f"{DOOR}/update", {"order": value}, "order") for value in (0, 65, -1, "all", 2.5)),
     *(form(f"{DOOR}/update?wait={value}", {}, "wait") for value in ("-1", "301", "nan", "inf", "x", "")),
     # acknowledge
+    # confidence
+    ask(f"{DOOR}/confidence?false_alarms_per_week=-1", "false_alarms_per_week"),
+    ask(f"{DOOR}/confidence?false_alarms_per_week=nan", "false_alarms_per_week"),
+    ask(f"{DOOR}/confidence?false_alarms_per_week=1e9", "false_alarms_per_week"),
+    ask(f"{DOOR}/confidence?rule=gut", "rule"),
+    ask(f"{DOOR}/confidence?per_week=1", "per_week"),
     form("/anomalies/1/acknowledge", {"note": 3}, "note"),
     form("/anomalies/1/acknowledge", {"note": "x" * 2001}, "note"),
     form("/anomalies/1/acknowledge", {"note": "a\0"}, "note", "NUL"),

@@ -284,7 +284,10 @@ def test_anomalies_are_paged_and_acknowledged(client: Any, name: str) -> None:
     found = list(handle.anomalies(limit=2))
     assert [event.start for event in found] == [day + hour * 3600 for hour in (1, 2, 3)]
     assert [event.id for event in handle.anomalies(after=found[0].id)] == [event.id for event in found[1:]]
-    assert client.anomaly(found[1].id) == found[1]
+    detail = client.anomaly(found[1].id)
+    assert detail.model_dump(exclude={"reasons"}) == found[1].model_dump()
+    assert (detail.reasons.observed, detail.reasons.samples) == (1, 6)
+    assert handle.find_confidence(false_alarms_per_week=1000, rule="surprise").confidence == 0.5
     seen = client.acknowledge(found[1].id, "the cleaners")
     assert (seen.id, seen.note) == (found[1].id, "the cleaners")
     assert [event.id for event in handle.anomalies(acknowledged=True)] == [found[1].id]

@@ -61,9 +61,10 @@ def test_the_planted_anomalies_are_found_and_little_else(seeded: Seeded) -> None
     story = planted(phases(seeded.now, None)[0], seeded.now)
     door = list(seeded.client.location("office-door").anomalies())
     office = list(seeded.client.location("office-occupied").anomalies())
-    assert any(start <= event.start < stop and event.observed for event in door for start, stop in story.door_open)
+    during = [[e for e in door if e.observed and e.start < stop and e.stop > start] for start, stop in story.door_open]
     start, stop = story.office_empty
-    assert any(start <= event.start < stop and not event.observed for event in office)
+    during.append([event for event in office if not event.observed and event.start < stop and event.stop > start])
+    assert [len(found) for found in during] == [1] * len(during), "one event each"
     assert len(list(seeded.client.anomalies())) < 100
 
 

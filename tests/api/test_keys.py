@@ -36,6 +36,7 @@ TABLE: list[tuple[str, str, Any, set[str]]] = [
     ("GET", "/anomalies", None, {"operator", "admin"}),
     ("GET", "/locations/door/anomalies", None, {"operator", "admin"}),
     ("POST", "/locations/door/anomalies/detect", {"start": 0, "stop": NOW}, {"operator", "admin"}),
+    ("GET", "/locations/door/confidence", None, {"operator", "admin"}),
     ("GET", "/anomalies/1", None, {"operator", "admin"}),
     ("POST", "/anomalies/1/acknowledge", {}, {"operator", "admin"}),
     ("GET", "/jobs", None, {"operator", "admin"}),

@@ -422,6 +422,7 @@ def test_surprising_measurements_come_back_as_events(api: Api) -> None:
         "cells_total": 1,
         "bbox": None,
         "observed": 1,
+        "parts": None,
         "probability": 0,
         "surprise": 0,
         "confidence": 0.75,

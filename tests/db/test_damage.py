@@ -243,7 +243,7 @@ def test_an_event_whose_cells_are_damaged_is_shown_without_them(ctx: Context) ->
     make_location(ctx, "lab", (50, 50), min_cells=1, confidence=0.6)
     post_rows(ctx, "lab", [(MINUTE * n, 7, 0) for n in range(6)])
     refit(ctx, "lab", estimator="static")
-    for n in (6, 7):
+    for n in (6, 60):
         post_rows(ctx, "lab", [(MINUTE * n, 7, 1)])
     first = update(anomaly).where(anomaly.c.id == 1).values(cells=b"")
     ctx.store.write(lambda work: work.jobs._connection.execute(first))
@@ -252,6 +252,8 @@ def test_an_event_whose_cells_are_damaged_is_shown_without_them(ctx: Context) ->
         (1, [], True),
         (2, [7], False),
     ]
+    post_rows(ctx, "lab", [(MINUTE * 7, 7, 1)])
+    assert [event.id for event in list_events(ctx, EventQuery())] == [1, 2, 3], "nothing continues it"
     assert acknowledge(ctx, 1, "me", None).acknowledged_by == "me"
     assert ctx.damage.count() == 1
 

@@ -21,7 +21,7 @@ from tidemap.services.locations import find_location
 from tidemap.services.update import UpdateRequest
 from tidemap.services.verify import Finding, verify
 from tidemap.spectral.spectrum import static
-from tidemap.storage.blobs import pack_cells, pack_measurements, pack_segment, pack_spectrum
+from tidemap.storage.blobs import pack_event, pack_measurements, pack_segment, pack_spectrum
 from tidemap.storage.codec import seal, unseal
 
 LAB = "(SELECT id FROM location WHERE name = 'lab')"
@@ -218,7 +218,7 @@ def planted(url: str, table: str, where: str, payload: bytes) -> list[str]:
             pack_measurements(measurements_of([(361.0, 7, 1)])),
             "its times are not those of its row",
         ),
-        ("observation", "id = 4", pack_cells(np.arange(3)), "it is of another kind"),
+        ("observation", "id = 4", pack_event(np.arange(3), None), "it is of another kind"),
         ("history", "chunk = 1", pack_segment(Segment.empty(1024, 0)), "it holds 1024 cells, the chunk has 576"),
         (
             "spectrum",
@@ -226,8 +226,8 @@ def planted(url: str, table: str, where: str, payload: bytes) -> list[str]:
             pack_spectrum(static(np.zeros(9, np.float32), TimeBase(0.0, 60.0))),
             "it has 9 cells, the chunk has 576",
         ),
-        ("anomaly", "id = 1", pack_cells(np.array([1600])), "its cells are not among the location's 1600"),
-        ("anomaly", "id = 1", b"\7" + pack_cells(np.array([1]))[1:], "its format is 7, this version reads 1"),
+        ("anomaly", "id = 1", pack_event(np.array([1600]), None), "its cells are not among the location's 1600"),
+        ("anomaly", "id = 1", b"\7" + pack_event(np.array([1]), None)[1:], "its format is 7, this version reads 1"),
     ],
 )
 def test_contents_that_do_not_fit_their_row_are_named(

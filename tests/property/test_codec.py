@@ -17,11 +17,11 @@ from tidemap.history.segment import SEGMENT_SAMPLES, Segment
 from tidemap.history.timebase import TimeBase
 from tidemap.spectral.spectrum import Spectrum
 from tidemap.storage.blobs import (
-    pack_cells,
+    pack_event,
     pack_measurements,
     pack_segment,
     pack_spectrum,
-    unpack_cells,
+    unpack_event,
     unpack_measurements,
     unpack_segment,
     unpack_spectrum,
@@ -167,9 +167,14 @@ def test_spectra_come_back(spectrum: Spectrum) -> None:
 
 
 @quick
-@given(st.lists(st.integers(0, 2**32 - 1)))
-def test_cells_come_back(cells: list[int]) -> None:
-    assert unpack_cells(pack_cells(np.array(cells, np.int64)), "test").tolist() == cells
+@given(st.dictionaries(st.integers(0, 2**32 - 1), st.integers(1, 3)))
+def test_events_come_back(seen: dict[int, int]) -> None:
+    cells, bits = np.array(list(seen), np.int64), np.array(list(seen.values()), np.uint8)
+    found, bits_found = unpack_event(pack_event(cells, bits), "test")
+    assert bits_found is not None
+    assert dict(zip(found.tolist(), bits_found.tolist(), strict=True)) == seen
+    alike, none = unpack_event(pack_event(cells, None), "test")
+    assert (alike.tolist(), none) == (cells.tolist(), None)
 
 
 SAMPLE_SEGMENT = Segment(History.from_states(np.eye(3, SEGMENT_SAMPLES, dtype=np.uint8)), np.array([0.5]), None)
@@ -186,7 +191,7 @@ SAMPLE_SPECTRUM = Spectrum(
     BASE,
 )
 BLOBS: dict[str, tuple[bytes, Callable[[bytes], Any]]] = {
-    "cells": (pack_cells(np.arange(9)), lambda blob: unpack_cells(blob, "cells of anomaly 7")),
+    "cells": (pack_event(np.arange(9), None), lambda blob: unpack_event(blob, "cells of anomaly 7")),
     "look": (
         pack_measurements(Measurements(np.zeros(2), np.array([3, 4], np.uint32), np.array([0, 1], np.uint8))),
         lambda blob: unpack_measurements(blob, "observation 7"),

@@ -1,6 +1,6 @@
 """Regions against the plainest search there is, and grids against their definition."""
 
-from itertools import product
+from itertools import combinations, product
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tidemap.space.grid import NEIGHBOURS, SINGLE, GridGeometry
-from tidemap.space.regions import label_regions
+from tidemap.space.regions import Spans, label_regions, link
 
 Mark = tuple[int, int, int]
 """(sample, cell, state)."""
@@ -34,11 +34,7 @@ def marked(draw: st.DrawFn) -> tuple[GridGeometry, list[Mark]]:
 
 def belong(grid: GridGeometry, one: Mark, other: Mark) -> bool:
     """The definition."""
-    (t, a, s), (u, b, r) = one, other
-    if s != r:
-        return False
-    if a == b:
-        return abs(t - u) == 1
+    (t, a, _), (u, b, _) = one, other
     i, j = np.array(np.unravel_index([a, b], grid.shape3)).T
     return t == u and int(np.abs(i - j).max()) <= 1
 
@@ -59,8 +55,8 @@ def search(grid: GridGeometry, marks: list[Mark]) -> set[frozenset[Mark]]:
 
 
 def labelled(grid: GridGeometry, marks: list[Mark]) -> set[frozenset[Mark]]:
-    sample, cell, state = (np.array(column, np.int64) for column in zip(*marks, strict=True))
-    label = label_regions(grid, sample, cell, state.astype(np.uint8))
+    sample, cell, _ = (np.array(column, np.int64) for column in zip(*marks, strict=True))
+    label = label_regions(grid, sample, cell)
     assert label.shape == (len(marks),)
     return {frozenset(marks[i] for i in np.flatnonzero(label == each)) for each in np.unique(label)}
 
@@ -71,9 +67,59 @@ def test_regions_are_the_groups_that_a_search_finds(case: tuple[GridGeometry, li
     assert labelled(*case) == search(*case)
 
 
+Span = tuple[int, int, frozenset[tuple[int, int]]]
+"""First sample, last sample, and the (cell, state) that a group shows."""
+SPANS = st.lists(
+    st.tuples(
+        st.integers(-20, 20),
+        st.integers(0, 4),
+        st.frozensets(st.tuples(st.integers(0, 3), st.integers(0, 1)), min_size=1, max_size=3),
+    ).map(lambda each: (each[0], each[0] + each[1], each[2])),
+    min_size=1,
+    max_size=12,
+)
+
+
+def continues(one: Span, other: Span, gap: int, read: set[tuple[int, int]]) -> bool:
+    """The definition."""
+    (_, end, _), (begin, _, _) = sorted([one, other], key=lambda span: span[:2])
+    between = range(end + 1, begin)
+    return len(between) <= gap and any(all((cell, n) not in read for n in between) for cell, _ in one[2] & other[2])
+
+
+def linked(spans: list[Span], gap: int, read: set[tuple[int, int]]) -> set[frozenset[int]]:
+    rows = [(i, cell, state) for i, (_, _, parts) in enumerate(spans) for cell, state in parts]
+    label, cell, state = (np.array(column, np.int64) for column in zip(*rows, strict=True))
+    first, last = (np.array([span[end] for span in spans], np.int64) for end in (0, 1))
+
+    def was_read(cells: np.ndarray, samples: np.ndarray) -> np.ndarray:
+        return np.array([pair in read for pair in zip(cells.tolist(), samples.tolist(), strict=True)], np.bool_)
+
+    number = link(Spans(label, cell, state.astype(np.uint8), first, last), gap, was_read)
+    return {frozenset(np.flatnonzero(number == each).tolist()) for each in np.unique(number)}
+
+
+def united(spans: list[Span], gap: int, read: set[tuple[int, int]]) -> set[frozenset[int]]:
+    """Two after two, as long as two continue one another."""
+    groups = [(frozenset([i]), span) for i, span in enumerate(spans)]
+    while True:
+        found = next(((a, b) for a, b in combinations(groups, 2) if continues(a[1], b[1], gap, read)), None)
+        if found is None:
+            return {members for members, _ in groups}
+        a, b = found
+        joined = (min(a[1][0], b[1][0]), max(a[1][1], b[1][1]), a[1][2] | b[1][2])
+        groups = [each for each in groups if each not in found] + [(a[0] | b[0], joined)]
+
+
+@quick
+@given(SPANS, st.integers(0, 4), st.sets(st.tuples(st.integers(0, 3), st.integers(-20, 24)), max_size=12))
+def test_what_continues_is_linked_whatever_the_order(spans: list[Span], gap: int, read: set[tuple[int, int]]) -> None:
+    assert linked(spans, gap, read) == united(spans, gap, read)
+
+
 def test_no_marks_no_regions() -> None:
     none = np.empty(0, np.int64)
-    assert label_regions(SINGLE, none, none, none.astype(np.uint8)).tolist() == []
+    assert label_regions(SINGLE, none, none).tolist() == []
 
 
 def test_a_region_does_not_go_round_the_edge() -> None:

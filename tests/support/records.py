@@ -24,6 +24,7 @@ def location_record(**values: Any) -> LocationRecord:
         "retention_s": None,
         "min_cells": 1,
         "sensor": None,
+        "event_gap_s": None,
         "calendar": None,
         "pose": None,
         "created_at": 0.0,
@@ -34,5 +35,6 @@ def location_record(**values: Any) -> LocationRecord:
         "first_time": None,
         "last_time": None,
         "revision": 1,
+        "judged_to": None,
     }
     return LocationRecord(**(plain | values))

@@ -40,9 +40,9 @@ class Site:
             yield connection
 
     def empty_room(self, seen: int = 20) -> str:
-        """A room that was never occupied; being occupied is an anomaly there, every second anew."""
+        """A room that was never occupied; being occupied is an anomaly there, every other second anew."""
         name = f"room-{next(_numbers)}"
-        form = {"name": name, "interval_s": 1, "estimator": "static", "confidence": 0.75}
+        form = {"name": name, "interval_s": 1, "estimator": "static", "confidence": 0.75, "event_gap_s": 0}
         assert self.http.post("/locations", json=form).status_code == 201
         self.observe(name, list(range(seen)), [0] * seen)
         assert self.update(name)["state"] == "done"

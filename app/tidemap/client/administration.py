@@ -7,7 +7,7 @@ from tidemap.client.operation import Resource, operation, paged
 from tidemap.client.plans import F, Listing, Plan, Request, ask
 from tidemap.client.requests import post, present
 from tidemap.client.times import TimeLike
-from tidemap.schemas.anomalies import Event
+from tidemap.schemas.anomalies import Event, EventDetail
 from tidemap.schemas.common import Page
 from tidemap.schemas.jobs import Job
 from tidemap.schemas.keys import Key, NewKey, Role
@@ -79,6 +79,7 @@ class ClientOperations(AnomalyOperations, Generic[Handle]):
         retention: float | None = None,
         min_cells: int | None = None,
         sensor: SensorRates | Mapping[str, float] | Literal["learn"] | None = None,
+        event_gap_s: float | None = None,
         calendar: str | None = None,
         pose: Position | Mapping[str, Any] | None = None,
     ) -> Plan[Handle]:
@@ -105,6 +106,7 @@ class ClientOperations(AnomalyOperations, Generic[Handle]):
             retention=retention,
             min_cells=min_cells,
             sensor=sensor.model_dump() if isinstance(sensor, SensorRates) else sensor,
+            event_gap_s=event_gap_s,
             calendar=calendar,
             pose=pose.model_dump() if isinstance(pose, Position) else pose,
         )
@@ -117,9 +119,12 @@ class ClientOperations(AnomalyOperations, Generic[Handle]):
         return Listing(Page[Location], f"{self.path}/locations", {}).everything()
 
     @operation
-    def anomaly(self, anomaly_id: int) -> Plan[Event]:
-        """A stored anomaly with all of its cells; lists have the first 10,000."""
-        return ask(Event, Request("GET", f"{self.path}/anomalies/{anomaly_id}"))
+    def anomaly(self, anomaly_id: int) -> Plan[EventDetail]:
+        """A stored anomaly with all of its cells, and its reasons; lists have the first 10,000 cells.
+
+        Of one that became a part of an older anomaly, that.
+        """
+        return ask(EventDetail, Request("GET", f"{self.path}/anomalies/{anomaly_id}"))
 
     @operation
     def acknowledge(self, anomaly_id: int, note: str | None = None) -> Plan[Event]:

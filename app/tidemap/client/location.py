@@ -19,7 +19,7 @@ from tidemap.client.scanning import scan as scan_post
 from tidemap.client.times import TimeLike, TimesLike, unix, unix_array
 from tidemap.client.waiting import ended, until, wait_s
 from tidemap.media_types import ARROW, JSON
-from tidemap.schemas.anomalies import Events, Rule
+from tidemap.schemas.anomalies import ConfidenceAnswer, Events, Rule
 from tidemap.schemas.common import Page
 from tidemap.schemas.jobs import Job
 from tidemap.schemas.locations import EstimatorChoice, EstimatorName, Location, OrderChoice
@@ -360,6 +360,15 @@ class LocationOperations(AnomalyOperations):
             train_stop=None if train_stop is None else unix(train_stop),
         )
         return ask(Evaluation, post(f"{self.path}/evaluate", form))
+
+    @operation
+    def find_confidence(
+        self, *, false_alarms_per_week: float | None = None, rule: Rule | None = None
+    ) -> Plan[ConfidenceAnswer]:
+        """The confidence that would have given so many anomalies a week (1 unless said) on this location's history,
+        and what others would have given. Nothing is changed: pass it to `patch(confidence=...)`."""
+        query = present(false_alarms_per_week=false_alarms_per_week, rule=rule)
+        return ask(ConfidenceAnswer, Request("GET", f"{self.path}/confidence", query))
 
     @operation
     def detect(

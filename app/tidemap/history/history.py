@@ -160,6 +160,11 @@ class History:
             bits.last_seen(self.observed, self.occupied, self.start, last, state, seen)
         return state, seen
 
+    def observed_at(self, cell: NDArray[np.int64], sample: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """(n,) whether each cell was observed in the sample beside it, which is one of those held."""
+        bit = sample - self.start
+        return np.asarray(self.observed[cell, bit >> 3] >> (bit & 7).astype(np.uint8) & 1, np.bool_)
+
     def series(self, cell: int, start: int, stop: int) -> NDArray[np.uint8]:
         """The states of one cell over [start, stop), (stop - start,) uint8."""
         if not 0 <= cell < self.n_cells:

@@ -53,6 +53,13 @@ SENSOR = (
 )
 
 
+EVENT_GAP = (
+    "How many seconds without a surprise an event outlasts: what is surprising sooner continues it, what is later "
+    "begins another. By default two samples."
+)
+GapSeconds = Annotated[float, Field(ge=0, le=FARTHEST_S)]
+
+
 def _fixed(_: object) -> None:
     raise ValueError("this cannot be changed later; make a new location instead")
 
@@ -145,7 +152,8 @@ class LocationForm(Form):
     retention: Seconds | None = Field(
         None, description="Forget what is older than this many seconds by the server's clock; posts of it are dropped."
     )
-    min_cells: MinCells = Field(1, description="Events of fewer neighbouring cells are not reported.")
+    min_cells: MinCells = Field(1, description="Events of fewer neighbouring cells at a time are not reported.")
+    event_gap_s: GapSeconds | None = Field(None, description=EVENT_GAP)
     sensor: SensorChoice | None = Field(None, description=SENSOR)
     calendar: CalendarCode | None = Field(None, description=CALENDAR)
     pose: Position | None = Field(None, description="Where it stands in the map of its building.")
@@ -186,6 +194,7 @@ class LocationPatch(Form):
     retention: Seconds | None = None
     min_cells: MinCells | None = None
     sensor: SensorChoice | None = Field(None, description=f"{SENSOR} Null takes it away.")
+    event_gap_s: GapSeconds | None = None
     calendar: CalendarCode | None = None
     pose: Position | None = None
 
@@ -214,6 +223,7 @@ class Location(Answer):
     retention: float | None
     min_cells: int
     sensor: SensorChoice | None = None
+    event_gap_s: float | None = None
     calendar: str | None = None
     pose: Position | None = None
     created_at: TimeOut

@@ -2,9 +2,12 @@
 
 from dataclasses import dataclass, fields
 
+import numpy as np
+from numpy.typing import NDArray
+
 from tidemap.errors import refuse_reversed
 from tidemap.services.context import Context
-from tidemap.storage.records import AnomalyRecord, LocationRecord
+from tidemap.storage.records import SEEN_FREE, SEEN_OCCUPIED, AnomalyRecord, LocationRecord
 from tidemap.storage.repositories.anomalies import AnomalyFilter
 from tidemap.storage.work import Work
 
@@ -17,6 +20,14 @@ class Anomaly(AnomalyRecord):
     location: str
     cells_total: int
     bbox: tuple[float, ...] | None
+
+    @property
+    def parts(self) -> dict[str, NDArray[np.int64]] | None:
+        """The cells that were `occupied` and those that were `free`; None where all were as `observed` says."""
+        if self.seen is None:
+            return None
+        bits = {"occupied": SEEN_OCCUPIED, "free": SEEN_FREE}
+        return {name: self.cells[(self.seen & bit) > 0] for name, bit in bits.items()}
 
 
 @dataclass(frozen=True, slots=True)

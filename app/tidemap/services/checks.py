@@ -14,7 +14,7 @@ from tidemap.errors import CorruptChunkError
 from tidemap.history.segment import SEGMENT_SAMPLES, Segment
 from tidemap.space.grid import Extent
 from tidemap.storage.blobs import (
-    unpack_cells,
+    unpack_event,
     unpack_json,
     unpack_measurements,
     unpack_scan,
@@ -223,7 +223,7 @@ def _anomalies(snapshot: Snapshot, location: LocationRecord, tally: LogTotals) -
 
 
 def _match_anomaly(location: LocationRecord, row: Row) -> None:
-    cells = unpack_cells(row.cells, "anomaly")
+    cells, _ = unpack_event(row.cells, "anomaly")
     if not len(cells) or cells.max() >= location.n_cells:
         raise ValueError(f"its cells are not among the location's {location.n_cells}")
     if row.stop < row.start or row.observed not in (0, 1):

@@ -4,18 +4,20 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tidemap.errors import CorruptChunkError, InvalidInputError, refuse_reversed
 from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.history import UNOBSERVED
 from tidemap.services.anomalies import Anomaly, anomaly_of
 from tidemap.services.context import Context
+from tidemap.services.grouping import Criterion, Marks, group
 from tidemap.services.history import read_history, window
-from tidemap.services.judge import Criterion, Marks, group
 from tidemap.services.spectra import Fitted, fitted
+from tidemap.space.regions import Array, WasRead
 from tidemap.spectral.anomaly import Rule, is_anomalous
 from tidemap.spectral.prediction import predict_times
-from tidemap.storage.records import LocationRecord
+from tidemap.storage.records import AnomalyRecord, LocationRecord
 
 MAX_MARKS = 2_000_000
 """Surprising cells that one search may find."""
@@ -48,8 +50,17 @@ def detect(
     location = model.location
     confidence = location.confidence if query.confidence is None else query.confidence
     criterion = Criterion(confidence, query.rule, model.revision.revision)
-    first, last = window(ctx, location)
-    start, stop = max(first, int(location.base.sample(query.start))), min(last, _ceiling(location, query.stop))
+    samples = int(location.base.sample(query.start)), _ceiling(location, query.stop)
+    events = search(ctx, model, samples, criterion, check)
+    return [anomaly_of(location, event) for event in events], model.revision.revision
+
+
+def search(
+    ctx: Context, model: Fitted, samples: tuple[int, int], criterion: Criterion, check: Callable[[], None]
+) -> list[AnomalyRecord]:
+    """The events of the history in samples [start, stop), as `detect` finds them. Raises as `detect`."""
+    location, (first, last) = model.location, window(ctx, model.location)
+    start, stop = max(first, samples[0]), min(last, samples[1])
     parts: list[Marks] = []
     found = 0
     for chunk in range(location.n_chunks):
@@ -63,8 +74,7 @@ def detect(
         except CorruptChunkError:
             if location.n_chunks == 1:
                 raise
-    marks = _joined(parts)
-    return [anomaly_of(location, event) for event in group(location, marks, criterion)], model.revision.revision
+    return group(location, _joined(parts), criterion, location.gap_samples, _was_read(ctx, location))
 
 
 def _ceiling(location: LocationRecord, time: float) -> int:
@@ -86,6 +96,23 @@ def _search(ctx: Context, model: Fitted, chunk: int, start: int, stop: int, crit
         marked = (states != UNOBSERVED) & is_anomalous(probability, states, criterion.confidence, criterion.rule)
         row, column = np.nonzero(marked)
         yield Marks(low + column, cells[row], states[row, column], probability[row, column])
+
+
+def _was_read(ctx: Context, location: LocationRecord) -> WasRead | None:
+    """Whether cells were read in samples; None where that does not matter, as the location says how long a gap is.
+
+    What is held was read. Raises CorruptChunkError.
+    """
+
+    def was_read(cell: Array, sample: Array) -> NDArray[np.bool_]:
+        found = np.zeros(len(cell), np.bool_)
+        for chunk in np.unique(cell // CHUNK_CELLS).tolist():
+            rows = np.flatnonzero(cell // CHUNK_CELLS == chunk)
+            history = read_history(ctx, location, chunk, int(sample[rows].min()), int(sample[rows].max()) + 1)
+            found[rows] = history.observed_at(cell[rows] % CHUNK_CELLS, sample[rows])
+        return found
+
+    return None if location.event_gap_s is not None else was_read
 
 
 def _joined(parts: list[Marks]) -> Marks:

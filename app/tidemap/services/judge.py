@@ -1,36 +1,16 @@
-"""Judge: find the surprising measurements and group them into events."""
+"""Judge: find the surprising measurements."""
 
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.history.measurements import Measurements
-from tidemap.space.regions import label_regions
-from tidemap.spectral.anomaly import Rule, is_anomalous, surprise, surprising
+from tidemap.services.grouping import Criterion, Marks, group
+from tidemap.spectral.anomaly import is_anomalous, surprising
 from tidemap.spectral.prediction import predict_times
 from tidemap.spectral.spectrum import Spectrum
 from tidemap.storage.records import AnomalyRecord, LocationRecord
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Marks:
-    """Surprising measurements, distinct in (sample, cell); (n,) each."""
-
-    sample: NDArray[np.int64]
-    cell: NDArray[np.int64]
-    state: NDArray[np.uint8]
-    probability: NDArray[np.float32]
-
-
-@dataclass(frozen=True, slots=True)
-class Criterion:
-    """What counts as an anomaly, and the revision it was judged by."""
-
-    confidence: float
-    rule: Rule
-    revision: int
 
 
 def judge(location: LocationRecord, spectrum: Spectrum, measurements: Measurements) -> list[AnomalyRecord]:
@@ -85,43 +65,3 @@ def _surprising(
         rows, p = surprising(spectrum, time, standing.cell[part], standing.state[part], location.confidence)
         found.append((rows + begin, p))
     return np.concatenate([rows for rows, _ in found]), np.concatenate([p for _, p in found])
-
-
-def group(location: LocationRecord, marks: Marks, criterion: Criterion) -> list[AnomalyRecord]:
-    """Events: connected marks of one state, of at least `min_cells` cells; in order of their start."""
-    least = min(location.min_cells, location.n_cells)
-    if len(marks.cell) < least:
-        return []
-    label = label_regions(location.cells, marks.sample, marks.cell, marks.state)
-    # A region has no more cells than marks: what is too small is not looked at any further.
-    large = np.bincount(label)[label] >= least
-    if not large.any():
-        return []
-    rows = np.flatnonzero(large)
-    rows = rows[np.lexsort((marks.cell[rows], label[rows]))]
-    label, cell, sample, state = label[rows], marks.cell[rows], marks.sample[rows], marks.state[rows]
-    probability = marks.probability[rows].astype(np.float64)
-    begin = np.flatnonzero(np.diff(label, prepend=-1))
-    columns = zip(
-        location.base.time(np.minimum.reduceat(sample, begin)).tolist(),
-        location.base.time(np.maximum.reduceat(sample, begin) + 1).tolist(),
-        _distinct(label, cell),
-        state[begin].tolist(),
-        (np.add.reduceat(probability, begin) / np.diff(begin, append=len(label))).tolist(),
-        np.maximum.reduceat(surprise(probability, state), begin).tolist(),
-        strict=True,
-    )
-    judged = (criterion.confidence, criterion.rule, criterion.revision)
-    events = [
-        AnomalyRecord(location.id, 0, start, stop, cells, observed, mean, peak, *judged)
-        for start, stop, cells, observed, mean, peak in columns
-        if len(cells) >= least
-    ]
-    return sorted(events, key=lambda event: (event.start, int(event.cells[0])))
-
-
-def _distinct(label: NDArray[np.int64], cell: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """The distinct cells of every label, both sorted by label and cell."""
-    first = np.diff(label, prepend=-1) != 0
-    fresh = first | (np.diff(cell, prepend=-1) != 0)
-    return np.split(cell[fresh], np.flatnonzero(first[fresh])[1:])

@@ -15,7 +15,8 @@ def shortened(event: Anomaly) -> Anomaly:
     """The event with so many of its cells as are listed."""
     if len(event.cells) <= MAX_CELLS:
         return event
-    return replace(event, cells=event.cells[:MAX_CELLS])
+    seen = None if event.seen is None else event.seen[:MAX_CELLS]
+    return replace(event, cells=event.cells[:MAX_CELLS], seen=seen)
 
 
 def most_surprising(events: list[Anomaly]) -> list[Anomaly]:

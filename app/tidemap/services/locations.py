@@ -30,6 +30,7 @@ class NewLocation:
     combine: str = "latest"
     retention_s: float | None = None
     min_cells: int = 1
+    event_gap_s: float | None = None
     calendar: str | None = None
     pose: FramedPosition | None = None
     sensor: SensorSetting | None = None
@@ -48,6 +49,7 @@ class LocationChanges(TypedDict, total=False):
     combine: str
     retention_s: float | None
     min_cells: int
+    event_gap_s: float | None
     calendar: str | None
     pose: FramedPosition | None
     sensor: SensorSetting | None

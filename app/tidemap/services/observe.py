@@ -19,7 +19,7 @@ from tidemap.services.context import Context
 from tidemap.services.judge import judge
 from tidemap.services.keys import confirm
 from tidemap.services.locations import find_location
-from tidemap.services.messages import anomaly_message
+from tidemap.services.messages import publish_events
 from tidemap.services.posts import Entry, Observed, Post, store_all
 from tidemap.services.spectra import fitted, held
 from tidemap.storage.blobs import pack_measurements
@@ -187,5 +187,4 @@ def publish(ctx: Context, stored: Observed) -> None:
     now = ctx.clock()
     data = {"measurements": stored.accepted, "source": stored.source, "last_time": stored.last_time}
     ctx.bus.publish(EventMessage("observation", stored.location, stored.number, now, data))
-    for event in stored.anomalies:
-        ctx.bus.publish(anomaly_message(event, now))
+    publish_events(ctx, stored.changes)

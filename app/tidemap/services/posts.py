@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 from tidemap.errors import DomainError, IdempotencyConflictError, LocationNotFoundError, UnauthorizedError
 from tidemap.formats.registry import Body
-from tidemap.services.anomalies import Anomaly, anomaly_of
+from tidemap.services.anomalies import Anomaly
+from tidemap.services.incidents import EventChange, store_events
 from tidemap.services.keys import Claim, confirm
 from tidemap.storage.records import AnomalyRecord, LocationRecord, ObservationRecord, ScanRecord
 from tidemap.storage.work import Work
@@ -24,9 +25,10 @@ class Post:
 
 @dataclass(frozen=True, slots=True)
 class Observed:
-    """What became of a post; events carry their ids. A duplicate, or one of nothing, has no number of its own.
+    """What became of a post, and of the events that it began or extended.
 
-    scan: of a scan what is stored of it, of a duplicate the first one's; None where that is not stored any more.
+    A duplicate, or one of nothing, has no number of its own. scan: of a scan what is stored of it, of a duplicate the
+    first one's; None where that is not stored any more.
     """
 
     location: str
@@ -37,9 +39,14 @@ class Observed:
     duplicate: bool
     first_time: float | None
     last_time: float | None
-    anomalies: list[Anomaly]
+    changes: list[EventChange]
     revision: int
     scan: ScanRecord | None = None
+
+    @property
+    def anomalies(self) -> list[Anomaly]:
+        """The events as they are now, with their ids."""
+        return [change.event for change in self.changes]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -151,7 +158,6 @@ def _settled(entry: Entry, known: dict[str, bytes], scans: Mapping[str, ScanReco
 
 def _with_events(work: Work, numbers: Mapping[Entry, int]) -> Iterable[tuple[Entry, Outcome]]:
     """Store the events and the scans of posts that are stored under these numbers."""
-    events = iter(work.anomalies.append([event for entry in numbers for event in entry.events]))
     scans = iter(
         work.scans.append(
             [
@@ -163,8 +169,8 @@ def _with_events(work: Work, numbers: Mapping[Entry, int]) -> Iterable[tuple[Ent
     )
     for entry, number in numbers.items():
         record, location = entry.record, entry.location
-        stored = [anomaly_of(location, next(events)) for _ in entry.events]
+        changes = store_events(work, location, entry.events)
         first, last = (record.first_time, record.last_time) if record.measurements else (None, None)
         what = (number, record.measurements, entry.dropped, False, first, last)
         scan = None if entry.scan is None else next(scans)
-        yield entry, Observed(location.name, record.source, *what, stored, location.revision, scan)
+        yield entry, Observed(location.name, record.source, *what, changes, location.revision, scan)

@@ -19,7 +19,7 @@ from tidemap.history.snapshot import sort_snapshot
 from tidemap.history.timebase import TimeBase
 from tidemap.space.grid import GridGeometry
 from tidemap.space.pose import Pose
-from tidemap.space.regions import label_regions
+from tidemap.space.regions import Spans, label_regions, link
 from tidemap.space.scan import Scan
 from tidemap.spectral.anomaly import surprising
 from tidemap.spectral.auto.selection import choose
@@ -55,7 +55,8 @@ def _post() -> None:
     if snapshot is not None:
         unpack_measurements(pack_measurements(snapshot), "a snapshot")
     zero = np.zeros(1, np.int64)
-    label_regions(GridGeometry("", (0.0, 0.0, 0.0), 1.0, (1,)), zero, zero, np.zeros(1, np.uint8))
+    label_regions(GridGeometry("", (0.0, 0.0, 0.0), 1.0, (1,)), zero, zero)
+    link(Spans(zero, zero, np.zeros(1, np.uint8), zero, zero), 0)
 
 
 def _scan() -> None:

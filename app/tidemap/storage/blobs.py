@@ -108,14 +108,19 @@ def unpack_spectrum(blob: bytes, what: str, base: TimeBase) -> Spectrum:
     )
 
 
-def pack_cells(cells: NDArray[np.generic]) -> bytes:
-    """A list of cells."""
-    return seal({"cell": cells.astype(np.uint32)})
+def pack_event(cells: NDArray[np.generic], seen: NDArray[np.uint8] | None) -> bytes:
+    """The cells of an event and what each was seen as, where that differs."""
+    columns: dict[str, NDArray[np.generic]] = {"cell": cells.astype(np.uint32)}
+    return seal(columns if seen is None else columns | {"seen": seen})
 
 
-def unpack_cells(blob: bytes, what: str) -> NDArray[np.int64]:
-    """The inverse of `pack_cells`."""
-    return unseal(blob, what, "cell")["cell"].astype(np.int64)
+def unpack_event(blob: bytes, what: str) -> tuple[NDArray[np.int64], NDArray[np.uint8] | None]:
+    """The inverse of `pack_event`. Raises CorruptChunkError."""
+    columns = cast(dict[str, Any], unseal(blob, what, "cell"))
+    cells, seen = columns["cell"].astype(np.int64), columns.get("seen")
+    if seen is not None and len(seen) != len(cells):
+        raise CorruptChunkError(what, f"it says of {len(seen)} cells what they were, and has {len(cells)}")
+    return cells, seen
 
 
 def pack_scan(points: NDArray[np.float32], header: Any) -> bytes:

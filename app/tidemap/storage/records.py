@@ -22,6 +22,10 @@ from tidemap.spectral.recipe import Recipe
 from tidemap.spectral.sensor import Sensor
 from tidemap.storage.blobs import unpack_json
 
+GAP_SAMPLES = 2
+"""How many samples without a surprise an event outlasts, where its location does not say."""
+SEEN_FREE, SEEN_OCCUPIED = 1, 2
+"""What a cell of an event was seen as, when that was a surprise: bits, for it may have been both."""
 KINDS = {
     "state": (Extent.SINGLE, ValueKind.STATE),
     "grid2d": (Extent.PLANE, ValueKind.STATE),
@@ -56,6 +60,7 @@ class LocationRecord:
     retention_s: float | None
     min_cells: int
     sensor: SensorSetting | None
+    event_gap_s: float | None
     calendar: str | None
     pose: FramedPosition | None
     created_at: float
@@ -66,6 +71,7 @@ class LocationRecord:
     first_time: float | None
     last_time: float | None
     revision: int
+    judged_to: float | None
 
     @classmethod
     def of(cls, row: RowMapping) -> "LocationRecord":
@@ -131,6 +137,11 @@ class LocationRecord:
     def hold_samples(self) -> int | None:
         """How many samples a state stands, None where unobserved samples are masked."""
         return round((self.hold_s or 0) / self.interval_s) if self.missing == "hold" else None
+
+    @property
+    def gap_samples(self) -> int:
+        """How many samples without a surprise an event outlasts."""
+        return GAP_SAMPLES if self.event_gap_s is None else int(self.event_gap_s / self.interval_s + 1e-9)
 
 
 @lru_cache
@@ -228,9 +239,19 @@ class ObservationRecord:
     payload: bytes
 
 
+def bit_of(state: int) -> int:
+    """SEEN_FREE or SEEN_OCCUPIED, of a state 0 or 1."""
+    return SEEN_OCCUPIED if state else SEEN_FREE
+
+
 @dataclass(frozen=True, eq=False)
 class AnomalyRecord:
-    """An event; `id` is 0 until it is stored. `cells` are empty where `damage` says that they cannot be read."""
+    """An event; `id` is 0 until it is stored. `cells` are empty where `damage` says that they cannot be read.
+
+    seen (n,): SEEN_FREE, SEEN_OCCUPIED or both of each cell; None where all were as `observed` says.
+    marks: how many surprising measurements `probability` is the mean of.
+    part_of: the older event that it was found to be a part of.
+    """
 
     location_id: int
     id: int
@@ -246,7 +267,15 @@ class AnomalyRecord:
     acknowledged_by: str | None = None
     acknowledged_at: float | None = None
     note: str | None = None
+    marks: int = 1
+    part_of: int | None = None
+    seen: NDArray[np.uint8] | None = None
     damage: CorruptChunkError | None = None
+
+    @property
+    def bits(self) -> NDArray[np.uint8]:
+        """(n,) SEEN_FREE, SEEN_OCCUPIED or both of each cell."""
+        return np.full(len(self.cells), bit_of(self.observed), np.uint8) if self.seen is None else self.seen
 
 
 @dataclass(frozen=True)

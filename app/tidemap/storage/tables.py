@@ -33,7 +33,7 @@ def _location_id() -> Column[int]:
 
 # One row a location. `observation_seq` numbers its observations in commit order; those up to `compacted_seq` are in
 # `history`, later ones (the log's tail) still carry their payload. `measurements` counts all that were ever posted,
-# `deleted` those of them that were deleted.
+# `deleted` those of them that were deleted. What is held was judged up to `judged_to`.
 location = Table(
     "location",
     metadata,
@@ -53,6 +53,7 @@ location = Table(
     Column("retention_s", Float(53)),
     Column("min_cells", Integer, nullable=False),
     Column("sensor", Text),
+    Column("event_gap_s", Float(53)),
     Column("calendar", String(8)),
     Column("pose", Text),
     Column("created_at", Float(53), nullable=False),
@@ -63,6 +64,7 @@ location = Table(
     Column("first_time", Float(53)),
     Column("last_time", Float(53)),
     Column("revision", Integer, nullable=False, default=0),
+    Column("judged_to", Float(53)),
 )
 
 # The append-only log: one row a posted observation. The payload moves to `history` with the next compaction; the
@@ -153,6 +155,7 @@ spectrum = Table(
     Column("payload", LargeBinary, nullable=False),
 )
 
+# One row an event, which grows as long as it lasts. One that was found to be a part of an older one stays, and says so.
 anomaly = Table(
     "anomaly",
     metadata,
@@ -171,7 +174,10 @@ anomaly = Table(
     Column("acknowledged_by", String(128)),
     Column("acknowledged_at", Float(53)),
     Column("note", Text),
+    Column("marks", BigInt, nullable=False, server_default="1"),
+    Column("part_of", BigInt),
     Index("ix_anomaly_id", "id", unique=True),
+    Index("ix_anomaly_stop", "location_id", "stop", "start"),
     Index("ix_anomaly_open", "location_id", "acknowledged"),
 )
 

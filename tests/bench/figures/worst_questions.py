@@ -88,6 +88,7 @@ def questions() -> Iterator[tuple[str, Question]]:
     yield "information, 10^6 cells", ("GET", f"{hall}/information?time={START}", {})
     yield "model", ("GET", f"{door}/model?order=64", {})
     yield "detect", ("POST", f"{door}/anomalies/detect", {"json": {**whole, "confidence": 0.5, "rule": "paper"}})
+    yield "confidence", ("GET", f"{door}/confidence?rule=paper", {})
     yield "evaluate", ("POST", f"{door}/evaluate", {"json": {**whole, "orders": orders}})
     horizons = [60.0 * 2**n for n in range(16)]
     yield (

@@ -58,7 +58,8 @@ def test_a_message_says_of_an_event_what_lists_do(event: Anomaly, monkeypatch: p
     monkeypatch.setattr(listing, "MAX_CELLS", 2)
     message = anomaly_message(event, 1e9)
     head = {"kind": "anomaly", "location": event.location, "id": event.id, "time": "2001-09-09T01:46:40Z"}
-    assert message.wire() == listed_view(event).model_dump(mode="json") | head
+    news = {"update": False, "joined": []}
+    assert message.wire() == listed_view(event).model_dump(mode="json") | head | news
     assert (message.kind, message.location, message.id, message.time) == ("anomaly", event.location, event.id, 1e9)
 
 

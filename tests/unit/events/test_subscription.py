@@ -185,6 +185,19 @@ def test_an_anomaly_that_is_known_already_is_not_sent_again() -> None:
     assert played(scenario) == [10]
 
 
+def test_an_anomaly_that_is_known_is_sent_again_when_it_grows() -> None:
+    async def scenario(bus: Bus) -> list[int]:
+        async def replay(after: int, limit: int) -> list[EventMessage]:
+            return []
+
+        with EventStream(bus, EventFilter(after=9), 100, replay) as stream:
+            for number, update in ((8, True), (9, False), (9, True), (10, False)):
+                bus.publish(EventMessage("anomaly", "door", number, 0.0, {"update": update}))
+            return await read(stream, 3)
+
+    assert played(scenario) == [8, 9, 10]
+
+
 def test_a_stream_overflows_even_while_its_reader_waits_for_what_it_missed() -> None:
     async def scenario(bus: Bus) -> list[int]:
         async def replay(after: int, limit: int) -> list[EventMessage]:

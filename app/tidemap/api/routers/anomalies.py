@@ -10,17 +10,20 @@ from tidemap.api.bodies import FormRoute
 from tidemap.api.dependencies import After, Ctx, Id, Limit, Operator, TimeQuery, cursor, query_time
 from tidemap.api.encoding import with_etag
 from tidemap.api.long_questions import answered
-from tidemap.api.views.anomalies import event_view, listed_view
+from tidemap.api.views.anomalies import confidence_view, detail_view, event_view, listed_view
 from tidemap.formats.json_columns.parts import to_json
 from tidemap.media_types import JSON
-from tidemap.schemas.anomalies import AcknowledgeForm, DetectForm, Event, Events
+from tidemap.schemas.anomalies import AcknowledgeForm, ConfidenceAnswer, DetectForm, Event, EventDetail, Events, Rule
 from tidemap.schemas.common import Page
 from tidemap.services.anomalies import EventQuery, acknowledge, get_event, list_events
+from tidemap.services.confidence import find_confidence
 from tidemap.services.context import Context
 from tidemap.services.detect import DetectQuery, detect
+from tidemap.services.reasons import reasons
 
 router = APIRouter(tags=["anomalies"], route_class=FormRoute)
 Surprise = Annotated[float | None, Query(ge=0, le=1)]
+PerWeek = Annotated[float, Query(ge=0, le=10_000, description="How many are wanted at most.")]
 Acknowledged = Annotated[bool | None, Query()]
 
 
@@ -78,9 +81,19 @@ async def search(name: str, form: DetectForm, request: Request, ctx: Ctx, _: Ope
 
 
 @router.get("/anomalies/{anomaly_id}")
-def get(anomaly_id: Id, ctx: Ctx, _: Operator) -> Event:
-    """One event with all of its cells."""
-    return event_view(get_event(ctx, anomaly_id))
+def get(anomaly_id: Id, ctx: Ctx, _: Operator) -> EventDetail:
+    """One event with all of its cells and its reasons; of one that became a part of an older event, that."""
+    event = get_event(ctx, anomaly_id)
+    return detail_view(event, reasons(ctx, event))
+
+
+@router.get("/locations/{name}/confidence")
+async def confidence(
+    name: str, request: Request, ctx: Ctx, _: Operator, false_alarms_per_week: PerWeek = 1.0, rule: Rule = "surprise"
+) -> ConfidenceAnswer:
+    """The confidence to give a location for so many false alarms a week, found on its own history."""
+    found = await answered(request, lambda check: find_confidence(ctx, name, false_alarms_per_week, rule, check))
+    return confidence_view(found)
 
 
 @router.post("/anomalies/{anomaly_id}/acknowledge")

@@ -36,7 +36,7 @@ def location_changes(form: LocationPatch) -> LocationChanges:
     """What a form changes. Raises InvalidInputError."""
     values = form.model_dump(exclude_unset=True)
     for field, value in values.items():
-        if value is None and field not in ("hold_s", "retention", "calendar", "pose", "sensor"):
+        if value is None and field not in ("hold_s", "retention", "event_gap_s", "calendar", "pose", "sensor"):
             raise InvalidInputError.at(field, "null is no value here; leave the field out to keep it as it is")
     return cast(LocationChanges, _named(values))
 

@@ -5,15 +5,17 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from sqlalchemy import Connection, RowMapping, Select, insert, select, update
+from sqlalchemy import Connection, RowMapping, Select, bindparam, insert, select, update
 
 from tidemap.errors import AnomalyNotFoundError, CorruptChunkError
-from tidemap.storage.blobs import pack_cells, unpack_cells
+from tidemap.storage.blobs import pack_event, unpack_event
 from tidemap.storage.counters import take
 from tidemap.storage.records import AnomalyRecord
 from tidemap.storage.tables import anomaly
 
-_COLUMNS = tuple(field.name for field in fields(AnomalyRecord) if field.name != "damage")
+_COLUMNS = tuple(field.name for field in fields(AnomalyRecord) if field.name not in ("seen", "damage"))
+_GROWS = ("start", "stop", "observed", "probability", "surprise", "confidence", "rule", "revision", "marks")
+_KEPT = ("acknowledged_by", "acknowledged_at", "note")
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,7 @@ class AnomalyFilter:
 
 
 class AnomalyRepository:
-    """Events in the order in which they were committed, which is that of their ids."""
+    """Events in the order in which they were first committed, which is that of their ids."""
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
@@ -53,22 +55,38 @@ class AnomalyRepository:
         """The greatest id, 0 when there is none."""
         return self._connection.execute(select(anomaly.c.id).order_by(anomaly.c.id.desc()).limit(1)).scalar() or 0
 
+    def near(self, location_id: int, start: float, stop: float) -> Sequence[AnomalyRecord]:
+        """The events of a location that touch or overlap [start, stop], which nobody else changes meanwhile."""
+        bounds = {"location": location_id, "start": start, "stop": stop}
+        return [_record(row) for row in self._connection.execute(_NEAR, bounds).mappings()]
+
+    def change(self, records: Sequence[AnomalyRecord]) -> None:
+        """Store what has become of events."""
+        if records:
+            self._connection.execute(_CHANGE, [_changed(record) for record in records])
+
+    def absorb(self, location_id: int, ids: Sequence[int], into: int) -> None:
+        """Have events be part of an older one from now on."""
+        mine = (anomaly.c.location_id == location_id) & anomaly.c.id.in_(ids)
+        self._connection.execute(update(anomaly).where(mine).values(part_of=into))
+
     def get(self, anomaly_id: int) -> AnomalyRecord:
-        """Raises AnomalyNotFoundError."""
-        row = self._connection.execute(select(anomaly).where(anomaly.c.id == anomaly_id)).mappings().first()
+        """The event, or the older one that it is a part of. Raises AnomalyNotFoundError."""
+        row = self._connection.execute(_BY_ID, {"id": anomaly_id}).mappings().first()
         if row is None:
             raise AnomalyNotFoundError(anomaly_id)
-        return _record(row)
+        return _record(row) if row["part_of"] is None else self.get(row["part_of"])
 
     def acknowledge(self, anomaly_id: int, by: str, at: float, note: str | None) -> AnomalyRecord:
         """Raises AnomalyNotFoundError. Acknowledging again replaces who, when and the note."""
         values = {"acknowledged": True, "acknowledged_by": by, "acknowledged_at": at, "note": note}
-        self._connection.execute(update(anomaly).where(anomaly.c.id == anomaly_id).values(**values))
-        return self.get(anomaly_id)
+        known = self.get(anomaly_id).id
+        self._connection.execute(update(anomaly).where(anomaly.c.id == known).values(**values))
+        return self.get(known)
 
 
 def _query(wanted: AnomalyFilter) -> Select[Any]:
-    query = select(anomaly)
+    query = select(anomaly).where(anomaly.c.part_of.is_(None))
     conditions = (
         (wanted.location_id, lambda value: anomaly.c.location_id == value),
         (wanted.after, lambda value: anomaly.c.id > value),
@@ -86,14 +104,36 @@ def _query(wanted: AnomalyFilter) -> Select[Any]:
 def _row(record: AnomalyRecord) -> dict[str, Any]:
     return {
         **{name: getattr(record, name) for name in _COLUMNS},
-        "cells": pack_cells(record.cells),
+        "cells": pack_event(record.cells, record.seen),
         "acknowledged": False,
     }
+
+
+def _changed(record: AnomalyRecord) -> dict[str, Any]:
+    values = {name: getattr(record, name) for name in (*_GROWS, *_KEPT)}
+    values |= {"cells": pack_event(record.cells, record.seen), "acknowledged": record.acknowledged_by is not None}
+    return values | {"its_location": record.location_id, "its_id": record.id}
 
 
 def _record(row: RowMapping) -> AnomalyRecord:
     values = {name: row[name] for name in _COLUMNS}
     try:
-        return AnomalyRecord(**{**values, "cells": unpack_cells(row["cells"], f"cells of anomaly {row['id']}")})
+        cells, seen = unpack_event(row["cells"], f"cells of anomaly {row['id']}")
+        return AnomalyRecord(**{**values, "cells": cells}, seen=seen)
     except CorruptChunkError as error:
         return AnomalyRecord(**{**values, "cells": np.empty(0, np.int64)}, damage=error.with_traceback(None))
+
+
+_BY_ID = select(anomaly).where(anomaly.c.id == bindparam("id"))
+_NEAR = (
+    select(anomaly)
+    .where(anomaly.c.location_id == bindparam("location"), anomaly.c.part_of.is_(None))
+    .where(anomaly.c.stop >= bindparam("start"), anomaly.c.start <= bindparam("stop"))
+    .order_by(anomaly.c.id)
+    .with_for_update()
+)
+_CHANGE = (
+    update(anomaly)
+    .where(anomaly.c.location_id == bindparam("its_location"), anomaly.c.id == bindparam("its_id"))
+    .values({name: bindparam(name) for name in (*_GROWS, *_KEPT, "cells", "acknowledged")})
+)

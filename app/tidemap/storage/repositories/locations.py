@@ -56,7 +56,7 @@ class LocationRepository:
         """How many unacknowledged anomalies each location id has; ids without any are left out."""
         query = (
             select(anomaly.c.location_id, func.count())
-            .where(anomaly.c.acknowledged.is_(False))
+            .where(anomaly.c.acknowledged.is_(False), anomaly.c.part_of.is_(None))
             .group_by(anomaly.c.location_id)
         )
         return {row[0]: row[1] for row in self._connection.execute(query)}
@@ -76,6 +76,14 @@ class LocationRepository:
         if values:
             self._connection.execute(update(location_table).where(location_table.c.id == record.id).values(**values))
         return self.get(new_name)
+
+    def judge(self, location_id: int, known: tuple[int, float | None], until: float) -> bool:
+        """Say up to when what is held was judged, and keep others from posting; False where anybody has posted, or
+        judged, since the number of observations and the time were as `known`."""
+        seq, judged_to = known
+        mine = (location_table.c.id == location_id) & (location_table.c.observation_seq == seq)
+        mine &= location_table.c.judged_to.is_not_distinct_from(judged_to)
+        return self._connection.execute(update(location_table).where(mine).values(judged_to=until)).rowcount == 1
 
     def delete(self, name: str) -> int:
         """With everything that belongs to it; its id. Raises LocationNotFoundError."""

@@ -1,7 +1,7 @@
 """The repository of the observation log."""
 
 from collections.abc import Callable, Collection, Generator, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from itertools import takewhile
 
@@ -138,6 +138,20 @@ class ObservationRepository:
         )
         return [(row.first_time, row.last_time) for row in self._connection.execute(query)]
 
+    def pending_between(self, location: LocationRecord, start: float, stop: float) -> list[Measurements]:
+        """The observations that are not compacted yet and have measurements in [start, stop), whole; readable ones."""
+        query = (
+            select(observation.c.id, observation.c.payload)
+            .where(observation.c.location_id == location.id, observation.c.payload.is_not(None))
+            .where(observation.c.id > location.compacted_seq)
+            .where(observation.c.first_time < stop, observation.c.last_time >= start)
+        )
+        found = []
+        for row in self._connection.execute(query).all():
+            with suppress(CorruptChunkError):
+                found.append(unpack_measurements(row.payload, f"observation {row.id} of location {location.name!r}"))
+        return found
+
     def recount(self, location: LocationRecord, compacted: tuple[float, float] | None, deleted: int = 0) -> None:
         """Put right what a location counts: the first and last time of what is `compacted` and pending, and what is
         `deleted`. Call it in the transaction that took something away, so that nobody posts meanwhile."""
@@ -231,6 +245,8 @@ _BY_KEY = select(observation.c.idempotency_key, observation.c.body_hash).where(
     observation.c.location_id == bindparam("location"),
     observation.c.idempotency_key.in_(bindparam("keys", expanding=True)),
 )
+# What a location without a model holds is never judged, so nothing is to be judged again.
+_HELD = (location_table.c.missing == "hold") & (location_table.c.revision > 0)
 _NUMBER = (
     update(location_table)
     .where(location_table.c.id == bindparam("location"))
@@ -239,6 +255,7 @@ _NUMBER = (
         measurements=location_table.c.measurements + bindparam("more"),
         first_time=_unless(location_table.c.first_time, location_table.c.first_time > _FIRST, _FIRST),
         last_time=_unless(location_table.c.last_time, location_table.c.last_time < _LAST, _LAST),
+        judged_to=case((_HELD, _unless(location_table.c.judged_to, location_table.c.judged_to > _FIRST, _FIRST))),
     )
     .returning(location_table.c.observation_seq)
 )
