@@ -34,6 +34,7 @@ TABLE: list[tuple[str, str, Any, set[str]]] = [
     ("GET", "/jobs", None, {"operator", "admin"}),
     ("GET", "/jobs/1", None, {"operator", "admin"}),
     ("DELETE", "/jobs/1", None, {"operator", "admin"}),
+    ("GET", "/events?kind=nothing", None, {"operator", "admin"}),
     ("GET", "/keys", None, {"admin"}),
     ("POST", "/keys", {"name": "another", "role": "robot"}, {"admin"}),
     ("DELETE", "/keys/999", None, {"admin"}),

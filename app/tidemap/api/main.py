@@ -11,8 +11,8 @@ from fastapi.responses import JSONResponse
 from tidemap.api import errors, live
 from tidemap.api.budget import Budget
 from tidemap.api.limits import Limits, Senders
-from tidemap.api.metrics import RequestMetrics, count_refused, make_registry
-from tidemap.api.routers import anomalies, health, jobs, keys, locations, maps, observations
+from tidemap.api.metrics import Listeners, RequestMetrics, count_refused, make_registry
+from tidemap.api.routers import anomalies, events, health, jobs, keys, locations, maps, observations
 from tidemap.api.state import AppState
 from tidemap.media_types import PROBLEM
 from tidemap.schemas.common import Problem
@@ -84,12 +84,14 @@ def create_app(
         senders=Senders(),
         metrics=metrics,
         refused=count_refused(metrics),
+        listeners=Listeners(metrics),
         long_questions=CapacityLimiter(LONG_QUESTIONS),
     )
     app.add_middleware(RequestMetrics, registry=metrics)
     errors.install(app)
     for router in ROUTERS:
         app.include_router(router, prefix=BASE, responses=_problems())
+    app.include_router(events.router, prefix=BASE, responses=_problems())
     app.include_router(live.router, prefix=BASE)
     app.include_router(health.router)
     _document(app)

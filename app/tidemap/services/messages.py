@@ -18,6 +18,12 @@ def anomaly_message(event: Anomaly, now: float) -> EventMessage:
     return EventMessage("anomaly", event.location, event.id, now, _data(shortened(event)))
 
 
+def latest_anomaly(ctx: Context) -> int:
+    """The id of the last stored event, 0 before the first: what is stored later has a higher one."""
+    with ctx.store.read() as work:
+        return work.anomalies.latest()
+
+
 def missed_anomalies(ctx: Context, location: str | None, after: int, limit: int) -> list[EventMessage]:
     """The messages of stored events after an id, of one location or all, oldest first.
 
