@@ -78,6 +78,16 @@ class KeyNotFoundError(NotFoundError):
         super().__init__(f"There is no key {key_id}. GET /keys lists them.")
 
 
+class WebhookNotFoundError(NotFoundError):
+    """No webhook has this id."""
+
+    code = "webhook-not-found"
+    title = "Webhook not found"
+
+    def __init__(self, webhook_id: object) -> None:
+        super().__init__(f"There is no webhook {webhook_id}. GET /webhooks lists them.")
+
+
 class ConflictError(DomainError):
     """The request is sound but does not fit what is stored."""
 
@@ -207,6 +217,13 @@ class ForbiddenError(DomainError):
     title = "Not allowed"
 
 
+class OutOfScopeError(ForbiddenError):
+    """A known key that is limited to other locations."""
+
+    code = "out-of-scope"
+    title = "Another location"
+
+
 class OtherSiteError(DomainError):
     """A page of another site asks in the name of the person who looks at it."""
 
@@ -234,6 +251,16 @@ class RateLimitError(BusyError):
             "in one post; nothing was stored."
         )
         self.retry_after_s = retry_after_s
+
+
+class KeyChangedError(BusyError):
+    """The key was changed between the first look at it and this request, and is valid."""
+
+    code = "key-changed"
+    title = "Key changed"
+
+    def __init__(self) -> None:
+        super().__init__("An admin has just changed this key. Send this again; nothing was stored.")
 
 
 class AskerLeftError(DomainError):

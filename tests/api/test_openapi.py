@@ -37,7 +37,9 @@ CONTRACT = {
     ("get", "/events"): {"200"},
     ("get", "/keys"): {"200"},
     ("post", "/keys"): {"201"},
+    ("post", "/keys/{}/rotate"): {"201"},
     ("delete", "/keys/{}"): {"204"},
+    ("get", "/audit"): {"200"},
 }
 PARAMETERS = {
     ("get", "/locations"): {"limit", "after"},
@@ -180,7 +182,7 @@ def examples(document: Any, media: dict[str, Any]) -> list[Any]:
 
 def test_every_body_has_examples(document: Any) -> None:
     found = {(method, path): examples(document, media) for method, path, media in bodies(document)}
-    assert len(found) == 9
+    assert len(found) == 10
     assert not [route for route, shown in found.items() if not shown]
 
 
@@ -196,6 +198,8 @@ def test_every_example_of_a_body_is_accepted(document: Any, api: Api) -> None:
             if path == "/locations/{name}" and method == "patch":
                 location = api.location()
             address = path.replace("{name}", location).replace("{anomaly_id}", str(event["id"]))
+            if "{key_id}" in path:
+                continue  # a key ends what is open here: tests/api/test_limited_keys.py
             answer = api.request(method.upper(), address, json=example)
             assert answer.status_code in (200, 201, 202), (path, example, answer.text)
             if path == "/keys":

@@ -11,6 +11,7 @@ from starlette.requests import HTTPConnection
 
 from tidemap.api.auth import authenticate, until_ended
 from tidemap.api.dependencies import cursor
+from tidemap.api.scopes import check_name
 from tidemap.api.state import state_of
 from tidemap.errors import ForbiddenError, InvalidInputError
 from tidemap.events.messages import EventMessage, Kind
@@ -49,9 +50,11 @@ def wanted_events(
         if kind not in KINDS:
             raise InvalidInputError.at("kind", f"{kind!r} is none of {', '.join(get_args(Kind))}")
     if location is not None:
+        check_name(principal, location)
         find_location(ctx, location)
     known = cursor("after", after)
-    return EventFilter(location, frozenset(asked) or KINDS, latest_anomaly(ctx) if known is None else known)
+    resume_from = latest_anomaly(ctx) if known is None else known
+    return EventFilter(location, frozenset(asked) or KINDS, resume_from, principal.scope)
 
 
 @asynccontextmanager
@@ -61,7 +64,7 @@ async def listening(connection: HTTPConnection, wanted: EventFilter, transport: 
     ctx: Context = state.ctx
 
     async def missed(after: int, limit: int) -> list[EventMessage]:
-        return await run_in_threadpool(missed_anomalies, ctx, wanted.location, after, limit)
+        return await run_in_threadpool(missed_anomalies, ctx, wanted, after, limit)
 
     with state.listeners.count(transport), EventStream(ctx.bus, wanted, ctx.settings.socket_queue, missed) as stream:
         yield stream

@@ -8,11 +8,12 @@ from anyio import CapacityLimiter
 from fastapi import FastAPI
 from fastapi.responses import JSONResponse
 
-from tidemap.api import errors, live
+from tidemap.api import dependencies, errors, live
 from tidemap.api.budget import Budget
 from tidemap.api.limits import Limits, Senders
 from tidemap.api.metrics import Listeners, RequestMetrics, count_refused, make_registry
-from tidemap.api.routers import anomalies, events, health, jobs, keys, locations, maps, observations
+from tidemap.api.privacy import Privacy
+from tidemap.api.routers import anomalies, audit, events, health, jobs, keys, locations, maps, observations
 from tidemap.api.state import AppState
 from tidemap.media_types import PROBLEM
 from tidemap.schemas.common import Problem
@@ -21,8 +22,8 @@ from tidemap.schemas.observations import GridObservations, StateObservations
 from tidemap.services.context import Context
 from tidemap.version import __version__
 
-BASE = "/api/v1"
-ROUTERS = tuple(each.router for each in (locations, observations, maps, anomalies, jobs, keys))
+BASE = dependencies.BASE
+ROUTERS = tuple(each.router for each in (locations, observations, maps, anomalies, jobs, keys, audit))
 _REASONS = {
     400: "The body cannot be read.",
     401: "A key is needed.",
@@ -87,6 +88,7 @@ def create_app(
         listeners=Listeners(metrics),
         long_questions=CapacityLimiter(LONG_QUESTIONS),
     )
+    app.add_middleware(Privacy)
     app.add_middleware(RequestMetrics, registry=metrics)
     errors.install(app)
     for router in ROUTERS:

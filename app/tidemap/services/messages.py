@@ -4,6 +4,7 @@ from dataclasses import fields
 from typing import Any
 
 from tidemap.events.messages import EventMessage
+from tidemap.events.subscription import EventFilter
 from tidemap.schemas.common import iso
 from tidemap.services.anomalies import Anomaly, EventQuery, list_events
 from tidemap.services.context import Context
@@ -24,12 +25,12 @@ def latest_anomaly(ctx: Context) -> int:
         return work.anomalies.latest()
 
 
-def missed_anomalies(ctx: Context, location: str | None, after: int, limit: int) -> list[EventMessage]:
-    """The messages of stored events after an id, of one location or all, oldest first.
+def missed_anomalies(ctx: Context, wanted: EventFilter, after: int, limit: int) -> list[EventMessage]:
+    """The messages of stored events after an id, of the locations that are wanted, oldest first.
 
     Raises LocationNotFoundError.
     """
-    events = list_events(ctx, EventQuery(location=location, after=after, limit=limit))
+    events = list_events(ctx, EventQuery(location=wanted.location, scope=wanted.scope, after=after, limit=limit))
     return [anomaly_message(event, ctx.clock()) for event in events]
 
 

@@ -12,6 +12,7 @@ from sqlalchemy import RowMapping
 
 from tidemap.errors import CorruptChunkError
 from tidemap.history.timebase import TimeBase
+from tidemap.schemas.scope import EVERYWHERE, Scope
 from tidemap.space.grid import SINGLE, GridGeometry
 from tidemap.spectral.conditioning import UNLEARNED, Persistence
 from tidemap.spectral.recipe import Recipe
@@ -208,3 +209,30 @@ class KeyRecord:
     prefix: str
     hash: bytes
     created_at: float
+    scope: Scope = EVERYWHERE
+    expires_at: float | None = None
+    last_used_at: float | None = None
+
+    def expired(self, now: float) -> bool:
+        """Whether it opens nothing any more."""
+        return self.expires_at is not None and self.expires_at <= now
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AuditEntry:
+    """Somebody changed something: at a time (Unix seconds), by a request. `key_id` is None without a key."""
+
+    request: str
+    time: float
+    actor: str
+    key_id: int | None
+    action: str
+    target: str
+    detail: str | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AuditRecord(AuditEntry):
+    """A stored entry."""
+
+    id: int

@@ -6,6 +6,7 @@ from sqlalchemy import Connection
 
 from tidemap.storage.fencing import FencingTokens
 from tidemap.storage.repositories.anomalies import AnomalyRepository
+from tidemap.storage.repositories.audit import AuditRepository
 from tidemap.storage.repositories.jobs import JobRepository
 from tidemap.storage.repositories.keys import KeyRepository
 from tidemap.storage.repositories.locations import LocationRepository
@@ -27,6 +28,7 @@ class Work:
     anomalies: AnomalyRepository
     jobs: JobRepository
     keys: KeyRepository
+    audit: AuditRepository
     terms: FencingTokens
 
     @classmethod
@@ -41,5 +43,6 @@ class Work:
             AnomalyRepository(connection),
             JobRepository(connection),
             KeyRepository(connection),
+            AuditRepository(connection),
             FencingTokens(connection),
         )

@@ -8,10 +8,12 @@ import numpy as np
 from sqlalchemy import Connection, RowMapping, Select, insert, select, update
 
 from tidemap.errors import AnomalyNotFoundError, CorruptChunkError
+from tidemap.schemas.scope import EVERYWHERE, Scope
 from tidemap.storage.blobs import pack_cells, unpack_cells
 from tidemap.storage.counters import take
 from tidemap.storage.records import AnomalyRecord
-from tidemap.storage.tables import anomaly
+from tidemap.storage.scoping import inside
+from tidemap.storage.tables import anomaly, location
 
 _COLUMNS = tuple(field.name for field in fields(AnomalyRecord) if field.name != "damage")
 
@@ -27,6 +29,7 @@ class AnomalyFilter:
     stop: float | None = None
     min_surprise: float | None = None
     acknowledged: bool | None = None
+    scope: Scope = EVERYWHERE
 
 
 class AnomalyRepository:
@@ -80,6 +83,9 @@ def _query(wanted: AnomalyFilter) -> Select[Any]:
     for value, condition in conditions:
         if value is not None:
             query = query.where(condition(value))
+    if wanted.scope.limited:
+        visible = select(location.c.id).where(inside(location.c.name, wanted.scope))
+        query = query.where(anomaly.c.location_id.in_(visible))
     return query
 
 
