@@ -36,6 +36,14 @@ TABLE: list[tuple[str, str, Any, set[str]]] = [
     ("POST", "/keys/999/rotate", {}, {"admin"}),
     ("DELETE", "/keys/999", None, {"admin"}),
     ("GET", "/audit", None, {"admin"}),
+    ("GET", "/webhooks", None, {"admin"}),
+    ("POST", "/webhooks", {"url": "https://alarms.example.org/{role}"}, {"admin"}),
+    ("GET", "/webhooks/999", None, {"admin"}),
+    ("PATCH", "/webhooks/999", {"enabled": True}, {"admin"}),
+    ("DELETE", "/webhooks/999", None, {"admin"}),
+    ("POST", "/webhooks/999/test", None, {"admin"}),
+    ("GET", "/webhooks/999/deliveries", None, {"admin"}),
+    ("POST", "/webhooks/999/deliveries/1/retry", None, {"admin"}),
 ]
 IDS = [f"{method} {path}" for method, path, _, _ in TABLE]
 

@@ -26,8 +26,9 @@ from tidemap.storage.records import RevisionRecord
 from tidemap.workers.compactor import Compactor
 from tidemap.workers.election import LeaderElection
 from tidemap.workers.updater import Updater
+from tidemap.workers.webhooks import WebhookSender
 
-AtWork = TypeVar("AtWork", LeaderElection, Updater, Compactor)
+AtWork = TypeVar("AtWork", LeaderElection, Updater, Compactor, WebhookSender)
 NOW = 1_700_000_000.0
 """A Tuesday, 22:13:20 UTC."""
 EVER_S = 1e11

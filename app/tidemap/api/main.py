@@ -13,7 +13,7 @@ from tidemap.api.budget import Budget
 from tidemap.api.limits import Limits, Senders
 from tidemap.api.metrics import Listeners, RequestMetrics, count_refused, make_registry
 from tidemap.api.privacy import Privacy
-from tidemap.api.routers import anomalies, audit, events, health, jobs, keys, locations, maps, observations
+from tidemap.api.routers import anomalies, audit, events, health, jobs, keys, locations, maps, observations, webhooks
 from tidemap.api.state import AppState
 from tidemap.media_types import PROBLEM
 from tidemap.schemas.common import Problem
@@ -23,7 +23,7 @@ from tidemap.services.context import Context
 from tidemap.version import __version__
 
 BASE = dependencies.BASE
-ROUTERS = tuple(each.router for each in (locations, observations, maps, anomalies, jobs, keys, audit))
+ROUTERS = tuple(each.router for each in (locations, observations, maps, anomalies, jobs, keys, audit, webhooks))
 _REASONS = {
     400: "The body cannot be read.",
     401: "A key is needed.",

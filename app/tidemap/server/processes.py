@@ -14,6 +14,7 @@ from tidemap.services.warm import warm
 from tidemap.workers.compactor import Compactor
 from tidemap.workers.election import LeaderElection
 from tidemap.workers.updater import Updater
+from tidemap.workers.webhooks import WebhookSender
 
 Extension = Callable[[Context, FastAPI], AbstractContextManager[None]]
 """Adds routes to the application and runs what they need, for as long as the process serves."""
@@ -29,11 +30,12 @@ class Background:
 
 @contextmanager
 def background(ctx: Context) -> Iterator[Background]:
-    """Updater and compactor, which work while this process is the leader."""
+    """Updater, compactor and the sender of webhooks, which work while this process is the leader."""
     election = LeaderElection(ctx)
-    workers: dict[str, Updater | Compactor] = {
+    workers: dict[str, Updater | Compactor | WebhookSender] = {
         "updater": Updater(ctx, election),
         "compactor": Compactor(ctx, election),
+        "webhooks": WebhookSender(ctx, election),
     }
     with ExitStack() as stack:
         election.start()

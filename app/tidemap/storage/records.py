@@ -236,3 +236,35 @@ class AuditRecord(AuditEntry):
     """A stored entry."""
 
     id: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WebhookRecord:
+    """A receiver of the anomalies of a scope after `cursor`. Its secret is derived from `salt`."""
+
+    id: int
+    url: str
+    description: str
+    scope: Scope
+    enabled: bool
+    salt: bytes
+    fingerprint: bytes
+    cursor: int
+    created_at: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeliveryRecord:
+    """An anomaly for a webhook: `state` is waiting (until `next_at`), delivered or failed."""
+
+    id: int
+    webhook_id: int
+    anomaly_id: int
+    message_id: str
+    state: str
+    attempts: int
+    next_at: float
+    status: int | None
+    error: str | None
+    created_at: float
+    finished_at: float | None

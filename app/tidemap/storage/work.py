@@ -14,6 +14,7 @@ from tidemap.storage.repositories.observations import ObservationRepository
 from tidemap.storage.repositories.segments import SegmentRepository
 from tidemap.storage.repositories.sources import SourceRepository
 from tidemap.storage.repositories.spectra import SpectrumRepository
+from tidemap.storage.repositories.webhooks import WebhookRepository
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +30,7 @@ class Work:
     jobs: JobRepository
     keys: KeyRepository
     audit: AuditRepository
+    webhooks: WebhookRepository
     terms: FencingTokens
 
     @classmethod
@@ -44,5 +46,6 @@ class Work:
             JobRepository(connection),
             KeyRepository(connection),
             AuditRepository(connection),
+            WebhookRepository(connection),
             FencingTokens(connection),
         )

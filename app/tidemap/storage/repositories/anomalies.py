@@ -52,6 +52,11 @@ class AnomalyRepository:
         query = _query(wanted).order_by(anomaly.c.id).limit(wanted.limit)
         return [_record(row) for row in self._connection.execute(query).mappings()]
 
+    def ids_after(self, after: int, limit: int, scope: Scope) -> Sequence[int]:
+        """The next ids, ascending, of locations in scope."""
+        query = _query(AnomalyFilter(after=after, scope=scope)).with_only_columns(anomaly.c.id)
+        return self._connection.execute(query.order_by(anomaly.c.id).limit(limit)).scalars().all()
+
     def latest(self) -> int:
         """The greatest id, 0 when there is none."""
         return self._connection.execute(select(anomaly.c.id).order_by(anomaly.c.id.desc()).limit(1)).scalar() or 0
