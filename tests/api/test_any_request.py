@@ -20,7 +20,9 @@ from schemathesis.specs.openapi import checks
 from tests.api.house import Api, done, open_house
 from tests.api.refusals import Untouched, furnished
 from tidemap.api.main import BASE, ROUTERS
+from tidemap.schemas.scope import EVERYWHERE
 from tidemap.services.keys import create_key
+from tidemap.services.webhooks import create_webhook, delete_webhook, list_webhooks
 
 EXAMPLES = 30
 """Requests to each operation in each mode."""
@@ -49,8 +51,12 @@ ENDLESS = {(f"{BASE}/events", "GET")}
 """Tested with a real server, in tests/e2e/test_server_sent.py: an answer without end has none to look at here."""
 ALL_ALLOWED = {(f"{BASE}/locations/{{name}}", "GET"), (f"{BASE}/locations/{{name}}", "DELETE")}
 """These take a name only, and every text may be one."""
-NEVER_IN_TIME = {(f"{BASE}/jobs/{{job_id}}", "DELETE")}
-"""What jobs there are have ended: none can be cancelled."""
+NEVER_IN_TIME = {
+    (f"{BASE}/jobs/{{job_id}}", "DELETE"),
+    (f"{BASE}/webhooks", "POST"),
+    (f"{BASE}/webhooks/{{webhook_id}}/deliveries/{{delivery_id}}/retry", "POST"),
+}
+"""Jobs that have ended, which cannot be cancelled; and a URL that can be sent to is not found by chance."""
 
 
 class Guest:
@@ -85,11 +91,20 @@ class Guest:
         return name
 
     def _number(self, name: str, number: int) -> int:
-        if name != "key_id" or number % 2:
+        if name not in ("key_id", "webhook_id") or number % 2:
             return number
-        made = create_key(self.api.ctx, "guest", "robot")
+        made = self._key() if name == "key_id" else self._webhook()
         self.site.accept()
-        return made.id
+        return made
+
+    def _key(self) -> int:
+        return create_key(self.api.ctx, "guest", "robot").id
+
+    def _webhook(self) -> int:
+        """A new one, for there may be a hundred, that leads nowhere."""
+        for each in list_webhooks(self.api.ctx, None, 100):
+            delete_webhook(self.api.ctx, each.id)
+        return create_webhook(self.api.ctx, "https://localhost/", "", EVERYWHERE).record.id
 
     def send(self, case: Case[Any]) -> Any:
         sent = case.as_transport_kwargs(base_url="http://localhost")
