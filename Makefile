@@ -6,8 +6,9 @@ PYTHON ?= python3
 HOST = 127.0.0.1
 PORT ?= 8000
 DATA ?= data
-# Two workers pay: most of the time goes into processes that the tests wait for. -n 0 debugs in one process.
-PYTEST ?= -n 2 --dist loadfile
+# Two workers pay: most of the time goes into processes that the tests wait for. The order is that of tests/conftest.py:
+# by itself xdist begins with files of many tests and ends with the few long ones. -n 0 debugs in one process.
+PYTEST ?= -n 2 --dist loadfile --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
@@ -59,6 +60,8 @@ lint: setup
 	@.venv/bin/python -m ruff check --quiet .
 	@.venv/bin/python -m mypy --no-error-summary
 	@.venv/bin/oxlint --quiet --deny-warnings --ignore-pattern vendor web/tidemap_web/pages/static
+	@DENO_DIR=.venv/deno DENO_NO_UPDATE_CHECK=1 .venv/bin/deno check --quiet --no-remote --no-npm --config web/deno.json \
+	    web/types.d.ts web/tidemap_web/pages/static/*.js
 	@.venv/bin/lint-imports --no-logo
 
 bench: setup ## Measure every figure against its floor: one JSON line each

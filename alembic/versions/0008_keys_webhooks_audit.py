@@ -1,14 +1,14 @@
 """keys limited to locations and in time; webhooks with their deliveries; who changed what
 
 Revision: 0008
-Revises: 0004
+Revises: 0009
 """
 
 import sqlalchemy as sa
 from alembic import op
 
 revision = "0008"
-down_revision = "0004"
+down_revision = "0009"
 branch_labels = None
 depends_on = None
 

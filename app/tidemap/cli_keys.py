@@ -71,7 +71,7 @@ def _create(arguments: argparse.Namespace) -> int:
 
     from tidemap.errors import InvalidInputError
     from tidemap.schemas.keys import KeyForm
-    from tidemap.schemas.scope import Scope
+    from tidemap.scope import Scope
     from tidemap.services.keys import create_key
 
     try:

@@ -20,7 +20,7 @@ from schemathesis.specs.openapi import checks
 from tests.api.house import Api, done, open_house
 from tests.api.refusals import Untouched, furnished
 from tidemap.api.main import BASE, ROUTERS
-from tidemap.schemas.scope import EVERYWHERE
+from tidemap.scope import EVERYWHERE
 from tidemap.services.keys import create_key
 from tidemap.services.webhooks import create_webhook, delete_webhook, list_webhooks
 

@@ -25,8 +25,8 @@ from tidemap.media_types import ARROW, JSON, NPY
 from tidemap.space.grid import SINGLE, GridGeometry
 
 TARGETS = {
-    "state": Target("state", SINGLE, NOW),
-    "grid3d": Target("grid3d", GridGeometry("map", (0.0, 0.0, 0.0), 0.5, (4, 3, 2)), NOW),
+    "state": Target(SINGLE, NOW),
+    "grid3d": Target(GridGeometry("map", (0.0, 0.0, 0.0), 0.5, (4, 3, 2)), NOW),
 }
 TIMES = np.array([0.0, 60.0, 120.0])
 STATES = np.array([0, 1, 1], np.uint8)

@@ -18,6 +18,7 @@ from tests.api.house import ARROW
 from tests.support.contexts import make_location, opened
 from tests.support.databases import migrate_to_head
 from tests.support.waiting import until
+from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.timebase import TimeBase
 from tidemap.server.census import Census
 from tidemap.server.processes import all_in_one
@@ -27,7 +28,7 @@ from tidemap.services.locations import find_location
 from tidemap.services.state import StateQuery, state_at
 from tidemap.spectral.recipe import Recipe
 from tidemap.spectral.spectrum import Spectrum
-from tidemap.storage.records import CHUNK_CELLS, RevisionRecord
+from tidemap.storage.records import RevisionRecord
 from tidemap.storage.work import Work
 from tidemap_web.site import pages
 

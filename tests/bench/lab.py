@@ -5,15 +5,15 @@ import time
 import numpy as np
 
 from tidemap.client import arrow
-from tidemap.client.encoding import look
+from tidemap.client.encoding import snapshot
 from tidemap.formats.registry import Body
 from tidemap.media_types import ARROW
-from tidemap.schemas.locations import Grid, LocationForm
 from tidemap.services.context import Context
-from tidemap.services.locations import create_location, find_location
+from tidemap.services.locations import NewLocation, create_location, find_location
 from tidemap.services.observe import observe
 from tidemap.services.posts import Post
 from tidemap.services.update import UpdateRequest, run_update
+from tidemap.space.grid import GridGeometry
 from tidemap.workers.executors import LocalExecutor
 
 NAME, SHAPE, INTERVAL_S, DAY_S = "lab", (100, 100, 10), 300.0, 86_400.0
@@ -31,7 +31,7 @@ def seen(time_s: float) -> bytes:
     random = np.random.default_rng(int(time_s))
     rows = np.sort(random.choice(CELLS.size, N_SEEN, replace=False))
     occupied = _occupied(time_s)[rows] ^ (random.random(N_SEEN) < NOISE)
-    return arrow.write(look(time_s, CELLS[rows[occupied]], CELLS[rows[~occupied]]).named())
+    return arrow.write(snapshot(time_s, CELLS[rows[occupied]], CELLS[rows[~occupied]]).named())
 
 
 def bodies(count: int, before_s: float) -> list[bytes]:
@@ -41,10 +41,10 @@ def bodies(count: int, before_s: float) -> list[bytes]:
 
 def prepare(ctx: Context) -> None:
     """Make the location, post eight days of looks two hours apart, and fit its first model."""
-    grid = Grid(resolution_m=0.1, shape=list(SHAPE))
+    grid = GridGeometry("map", (0.0, 0.0, 0.0), 0.1, SHAPE)
     create_location(
         ctx,
-        LocationForm(name=NAME, kind="grid3d", interval_s=INTERVAL_S, estimator="fft", order=5, min_cells=4, grid=grid),
+        NewLocation(name=NAME, kind="grid3d", interval_s=INTERVAL_S, estimator="fft", order=5, min_cells=4, grid=grid),
     )
     until = ctx.clock() - 2 * INTERVAL_S
     for i in range(LEARNED_LOOKS):

@@ -8,18 +8,19 @@ from math import prod
 import numpy as np
 
 from tidemap.client import arrow
-from tidemap.client.encoding import look
+from tidemap.client.encoding import snapshot
 from tidemap.formats.registry import Body
+from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.history import History
 from tidemap.history.segment import SEGMENT_SAMPLES, Segment
 from tidemap.media_types import ARROW
-from tidemap.schemas.locations import EstimatorChoice, Grid, LocationForm
 from tidemap.services.context import Context
-from tidemap.services.locations import create_location, find_location
+from tidemap.services.locations import NewLocation, create_location, find_location
 from tidemap.services.observe import observe
 from tidemap.services.posts import Post
+from tidemap.space.grid import GridGeometry
 from tidemap.storage.blobs import pack_segment
-from tidemap.storage.records import CHUNK_CELLS, LocationRecord
+from tidemap.storage.records import LocationRecord
 from tidemap.storage.repositories.segments import SegmentKey
 from tidemap.storage.work import Work
 
@@ -28,16 +29,18 @@ NOISE, EVERY = 0.02, 10
 TIME = INTERVAL_S * np.arange(N_SAMPLES, dtype=np.float64)
 
 
-def make(ctx: Context, shape: tuple[int, ...] = SHAPE, estimator: EstimatorChoice = "auto") -> None:
+def make(ctx: Context, shape: tuple[int, ...] = SHAPE, estimator: str = "auto") -> None:
     """The location with its compacted history, as if looks at all of it had been posted; not yet updated."""
-    grid = Grid(resolution_m=0.1, shape=list(shape))
-    form = LocationForm(name=NAME, kind="grid3d", interval_s=INTERVAL_S, epoch=0.0, grid=grid, estimator=estimator)
+    grid = GridGeometry("map", (0.0, 0.0, 0.0), 0.1, shape)
+    form = NewLocation(name=NAME, kind="grid3d", interval_s=INTERVAL_S, epoch=0.0, grid=grid, estimator=estimator)
     create_location(ctx, form)
     location = find_location(ctx, NAME)
     for some in _groups(_segments(prod(shape)), 32):
         ctx.store.write(partial(put, location, some))
     for time in (TIME[0], TIME[-1]):
-        observe(ctx, NAME, Post(Body(arrow.write(look(time, np.zeros(0, np.uint32), np.array([1])).named()), ARROW)))
+        observe(
+            ctx, NAME, Post(Body(arrow.write(snapshot(time, np.zeros(0, np.uint32), np.array([1])).named()), ARROW))
+        )
 
 
 def put(location: LocationRecord, some: dict[SegmentKey, bytes], work: Work) -> None:

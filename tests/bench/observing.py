@@ -67,5 +67,5 @@ class Posting:
 
 def packed(body: bytes, latest: float) -> bytes:
     """What the log keeps of a body."""
-    target = Target("grid3d", GridGeometry("map", (0.0, 0.0, 0.0), 0.1, lab.SHAPE), latest)
+    target = Target(GridGeometry("map", (0.0, 0.0, 0.0), 0.1, lab.SHAPE), latest)
     return pack_measurements(parse(Body(body, ARROW), target))

@@ -8,12 +8,11 @@ from sqlalchemy import Table, delete, select, update
 
 from tests.support.contexts import Clock, compact_now, history_of, make_location, opened, post_rows, post_states, refit
 from tidemap.errors import CorruptChunkError
-from tidemap.schemas.locations import LocationPatch
 from tidemap.services.anomalies import EventQuery, acknowledge, list_events
 from tidemap.services.context import Context
 from tidemap.services.detect import DetectQuery, detect
 from tidemap.services.evaluate import EvaluateQuery, evaluate
-from tidemap.services.locations import change_location, delete_location, find_location
+from tidemap.services.locations import LocationChanges, change_location, delete_location, find_location
 from tidemap.services.model import model_of
 from tidemap.services.predict import PredictQuery, predict_at
 from tidemap.services.series import SeriesQuery, series
@@ -234,7 +233,7 @@ class TestHistory:
             post_rows(ctx, "lab", [(MINUTE * 6, 1030, 1)])
             for retention, left in ((MINUTE * 4996, True), (MINUTE * 60, False)):
                 post_rows(ctx, "lab", [(MINUTE * 5000, cell, 1) for cell in CELLS])
-                change_location(ctx, "lab", LocationPatch(retention=retention))
+                change_location(ctx, "lab", LocationChanges(retention_s=retention))
                 refit(ctx, "lab", estimator="static")
                 assert bool(findings(ctx)) == left
             assert state_at(ctx, "lab", StateQuery(0.0)).unavailable == []

@@ -23,17 +23,16 @@ from tests.support.contexts import Clock, compact_now, history_of, make_location
 from tests.support.databases import Databases
 from tests.support.truth import Row, Truth, put, states_of
 from tidemap.errors import InvalidInputError
+from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.combining import ANY, LATEST
 from tidemap.history.history import NEVER, UNOBSERVED
 from tidemap.history.timebase import TimeBase
-from tidemap.schemas.locations import LocationPatch
 from tidemap.services.context import Context
 from tidemap.services.deletion import Deletion, delete_observations
-from tidemap.services.locations import change_location, delete_location, find_location
+from tidemap.services.locations import LocationChanges, change_location, delete_location, find_location
 from tidemap.services.readings import last_seen
 from tidemap.services.verify import Finding, verify
 from tidemap.storage.engine import open_reader
-from tidemap.storage.records import CHUNK_CELLS
 from tidemap.storage.tables import metadata
 
 SHAPE = (13, 10, 9)
@@ -143,7 +142,7 @@ class HistoryMachine(RuleBasedStateMachine):
     @rule(samples=st.sampled_from((1, 4097, 9000)))
     def retain(self, samples: int) -> None:
         self.retention_s = samples * BASE.interval_s
-        change_location(self.ctx, self.name, LocationPatch(retention=self.retention_s))
+        change_location(self.ctx, self.name, LocationChanges(retention_s=self.retention_s))
 
     @rule(first=st.sampled_from(SAMPLES), length=st.sampled_from((1, 2, 4097, 20_000)))
     def delete_some(self, first: int, length: int) -> None:

@@ -8,11 +8,10 @@ import pytest
 
 from tests.support.contexts import Clock, Serial, compact_now, history_of, make_location, post_rows, refit
 from tidemap.errors import ShuttingDownError
-from tidemap.schemas.locations import LocationPatch
 from tidemap.services import pruning
 from tidemap.services.context import Context
 from tidemap.services.jobs import cancel_job, claim_job, list_jobs, request_update, run_job
-from tidemap.services.locations import change_location, find_location, get_location
+from tidemap.services.locations import LocationChanges, change_location, find_location, get_location
 from tidemap.services.pruning import KEPT_JOBS, prune
 from tidemap.services.state import StateQuery, state_at
 from tidemap.services.update import UpdateRequest
@@ -117,13 +116,13 @@ def test_a_location_renamed_before_and_during_its_update_gets_it(ctx: Context) -
     claimed = claim_job(ctx, frozenset())
     assert claimed is not None
     location_id = claimed.location_id
-    change_location(ctx, "lab", LocationPatch(name="attic"))
+    change_location(ctx, "lab", LocationChanges(name="attic"))
 
     class Renaming(Serial):
         def map(self, run: Callable[[Context, Any], Any], items: Iterable[Any]) -> Iterable[Any]:
             for item in items:
                 name = find_by_id(ctx, location_id)
-                change_location(ctx, name, LocationPatch(name=f"room-{item.chunk}"))
+                change_location(ctx, name, LocationChanges(name=f"room-{item.chunk}"))
                 yield run(self.ctx, item)
 
     run_job(ctx, claimed, Renaming(ctx))

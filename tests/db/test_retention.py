@@ -10,10 +10,9 @@ from tests.support.contexts import at_work as run
 from tests.support.waiting import until
 from tidemap.events.messages import EventMessage
 from tidemap.history.history import UNOBSERVED
-from tidemap.schemas.locations import LocationPatch
 from tidemap.services.compaction import forget_everywhere
 from tidemap.services.context import Context
-from tidemap.services.locations import change_location, get_location
+from tidemap.services.locations import LocationChanges, change_location, get_location
 from tidemap.services.series import series
 from tidemap.services.verify import verify
 from tidemap.workers.compactor import Compactor
@@ -95,7 +94,7 @@ def test_the_first_time_is_that_of_a_reading(ctx: Context, clock: Clock) -> None
 
 
 def test_a_location_without_it_keeps_everything(ctx: Context, clock: Clock) -> None:
-    change_location(ctx, "door", LocationPatch(retention=None))
+    change_location(ctx, "door", LocationChanges(retention_s=None))
     assert post_states(ctx, "door", [NOW - 9 * DAY, NOW], [1, 0]).dropped == 0
     clock.now += 99 * DAY
     forget_everywhere(ctx)

@@ -9,12 +9,13 @@ from sqlalchemy import select, update
 from tests.db.test_observations import append, now
 from tests.support.contexts import compact_now, history_of, make_location, post_rows
 from tidemap.errors import CorruptChunkError
+from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.segment import Segment
 from tidemap.services.compaction import replace_log
 from tidemap.services.context import Context
 from tidemap.services.locations import find_location
 from tidemap.storage.blobs import pack_segment
-from tidemap.storage.records import CHUNK_CELLS, LocationRecord
+from tidemap.storage.records import LocationRecord
 from tidemap.storage.store import Store
 from tidemap.storage.tables import history, observation
 from tidemap.storage.work import Work

@@ -83,6 +83,11 @@ def test_it_is_in_order_after_everything_is_compacted(ctx: Context, url: str) ->
     [
         ("UPDATE location SET grid = '{' WHERE name = 'lab'", "location 'lab', settings: they cannot be read"),
         ("UPDATE location SET grid = NULL WHERE name = 'lab'", "location 'lab', settings: its kind and its grid"),
+        (
+            "UPDATE location SET kind = 'grid9d' WHERE name = 'lab'",
+            "they cannot be read: 'grid9d' is no kind of location",
+        ),
+        ("UPDATE location SET kind = 'state' WHERE name = 'lab'", "location 'lab', settings: its kind and its grid"),
         ("UPDATE location SET compacted_seq = 9 WHERE name = 'lab'", "counters: 9 of 4 observations are compacted"),
         (
             "UPDATE location SET compacted_seq = 3 WHERE name = 'lab'",

@@ -13,7 +13,7 @@ from tests.support.contexts import at_work, elected, make_location, opened, post
 from tests.support.fleet import dice
 from tests.support.receiver import BREAK, Receiver, receiving
 from tests.support.waiting import until
-from tidemap.schemas.scope import EVERYWHERE, Scope
+from tidemap.scope import EVERYWHERE, Scope
 from tidemap.services import delivery
 from tidemap.services.context import Context
 from tidemap.services.locations import delete_location

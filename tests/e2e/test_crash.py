@@ -23,7 +23,7 @@ STARTING_S = 0.5
 
 @pytest.mark.slow
 def test_a_server_killed_twenty_times_has_lost_nothing(server: StartServer, database_url: str, tmp_path: Path) -> None:
-    running = server(database_url=database_url, env=RESTLESS, launch=Forked)
+    running = server(database_url=database_url, env=RESTLESS)
     make_locations(running.url)
     chance = dice()
     with fleet_at_work(tmp_path, running.url) as fleet:
@@ -54,14 +54,14 @@ def test_a_server_killed_while_it_makes_its_database(
         time.sleep(chance.uniform(0, STARTING_S))
         starting.kill()
         starting.wait()
-    running = server(database_url=empty_database_url, launch=Forked)
+    running = server(database_url=empty_database_url)
     make_locations(running.url)
     check_stored(running.url, empty_database_url, [])
     assert "Traceback" not in (tmp_path / "log").read_text()
 
 
 def test_a_server_told_to_stop_finishes_what_it_took(server: StartServer, tmp_path: Path) -> None:
-    running = server(env=RESTLESS, launch=Forked)
+    running = server(env=RESTLESS)
     make_locations(running.url)
     with fleet_at_work(tmp_path, running.url) as fleet:
         fleet.wait_for_answers(20)

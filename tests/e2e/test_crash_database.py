@@ -9,7 +9,6 @@ import pytest
 
 from tests.support.databases import PostgresDatabases
 from tests.support.fleet import RESTLESS, dice, fleet_at_work
-from tests.support.forked import Forked
 from tests.support.postgres import Postgres, running_postgres
 from tests.support.server import StartServer
 from tests.support.sightings import make_locations
@@ -31,7 +30,7 @@ def test_a_database_that_dies_and_comes_back(server: StartServer, mortal: Postgr
     chance = dice()
     with (
         PostgresDatabases(mortal).migrated() as url,
-        Site(server(database_url=url, env=RESTLESS, launch=Forked)) as site,
+        Site(server(database_url=url, env=RESTLESS)) as site,
     ):
         make_locations(site.server.url)
         with fleet_at_work(tmp_path, site.server.url) as fleet:

@@ -7,7 +7,6 @@ import httpx
 import numpy as np
 
 from tests.support.fleet import RESTLESS, dice
-from tests.support.forked import Forked
 from tests.support.here import command
 from tests.support.server import ServerProcess, StartServer
 from tidemap.client import Client
@@ -59,7 +58,7 @@ def left(running: ServerProcess) -> set[int]:
 
 
 def test_a_deletion_is_done_or_not(server: StartServer, database_url: str) -> None:
-    running = server(database_url=database_url, env=RESTLESS, launch=Forked)
+    running = server(database_url=database_url, env=RESTLESS)
     fill(running.url)
     chance, done = dice(), set[int]()
     there = left(running)

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 from tests.support.fleet import EAGER, RESTLESS, dice
-from tests.support.forked import Forked
 from tests.support.paths import ROOT
 from tests.support.server import ServerProcess, StartServer, clean_environment
 from tests.support.sightings import Sighting, make_locations
@@ -65,7 +64,7 @@ def lead(running: ServerProcess, folder: Path, robot: int, seed: int) -> list[Si
 
 @pytest.mark.slow
 def test_robots_killed_twenty_times_lose_nothing_they_kept(server: StartServer, tmp_path: Path) -> None:
-    running = server(env=RESTLESS, launch=Forked)
+    running = server(env=RESTLESS)
     make_locations(running.url)
     chance = dice()
     with ThreadPoolExecutor(len(OUTBOXES)) as pool:

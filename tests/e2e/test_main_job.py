@@ -61,6 +61,14 @@ class Door:
 
 
 @pytest.fixture(scope="module")
+def shared_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
+    """Not a fork: all of its memory is measured."""
+    running = ServerProcess(tmp_path_factory.mktemp("server"))
+    yield running
+    running.stop()
+
+
+@pytest.fixture(scope="module")
 def http(shared_server: ServerProcess) -> Iterator[httpx.Client]:
     with httpx.Client(base_url=f"{shared_server.url}/api/v1", timeout=120, trust_env=False) as client:
         yield client

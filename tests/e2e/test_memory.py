@@ -9,7 +9,7 @@ import pytest
 
 from tests.api.house import ARROW, arrow
 from tests.support.memory import peak_memory_mb
-from tests.support.server import StartServer
+from tests.support.server import StartServer, fresh
 from tidemap.formats.registry import READERS
 
 CLIENTS = 16
@@ -22,7 +22,7 @@ GRID = {"frame": "map", "origin": [0, 0, 0], "resolution_m": 0.1, "shape": [200,
 
 def test_many_large_posts_at_once(server: StartServer) -> None:
     quiet = {"TIDEMAP_VIEWER": "false", "TIDEMAP_UPDATER": "false"}
-    running = server(env={**quiet, "TIDEMAP_MAX_PARSING_BYTES": str(32 * 2**20)})
+    running = server(launch=fresh, env={**quiet, "TIDEMAP_MAX_PARSING_BYTES": str(32 * 2**20)})
     cells = np.arange(MEASUREMENTS, dtype=np.uint32)
     bodies = [
         arrow({"time": np.full(MEASUREMENTS, 60.0 * i), "cell": cells, "state": (cells % 2).astype(np.uint8)})
@@ -67,7 +67,7 @@ UNPACKED_MB = 5 * POSTS * LOOK / 1e6
 def test_many_questions_at_once_about_a_long_log(server: StartServer, cache_mb: int, bound_mb: float) -> None:
     """What is not compacted yet is unpacked once, and only where there is room to hold it."""
     quiet = {"TIDEMAP_VIEWER": "false", "TIDEMAP_UPDATER": "false"}
-    running = server(env={**quiet, "TIDEMAP_HISTORY_CACHE_BYTES": str(cache_mb * 2**20)})
+    running = server(launch=fresh, env={**quiet, "TIDEMAP_HISTORY_CACHE_BYTES": str(cache_mb * 2**20)})
     cells = np.arange(LOOK, dtype=np.uint32)
     with httpx.Client(base_url=f"{running.url}/api/v1", timeout=120, trust_env=False) as http:
         http.post("/locations", json={"name": "lab", "kind": "grid3d", "interval_s": 60, "grid": GRID})

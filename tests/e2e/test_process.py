@@ -4,20 +4,20 @@ from pathlib import Path
 
 import httpx
 
-from tests.support.server import ServerProcess, StartServer, run_command
+from tests.support.server import ServerProcess, StartServer, fresh, run_command
 
 DOOR = {"name": "door", "kind": "state", "interval_s": 60}
 SEEN = {"time": [0, 60, 120], "state": [0, 1, 0]}
 
 
 def test_it_stops_cleanly(server: StartServer) -> None:
-    started = server()
+    started = server(launch=fresh)
     assert started.stop() == 0
     assert [path.name for path in started.data.iterdir()] == ["tidemap.db"]
 
 
 def test_what_it_acknowledged_survives_its_death(server: StartServer) -> None:
-    started = server()
+    started = server(launch=fresh)
     post(started, "/locations", DOOR)
     post(started, "/locations/door/observations", SEEN)
     started.kill()

@@ -16,7 +16,6 @@ import pytest
 from tests.api.house import ARROW, arrow
 from tests.support.databases import PostgresDatabases
 from tests.support.fleet import RESTLESS, dice, fleet_at_work
-from tests.support.forked import Forked
 from tests.support.here import command
 from tests.support.postgres import Postgres
 from tests.support.server import ServerProcess, StartServer
@@ -38,7 +37,7 @@ Sites = Callable[[str], Site]
 def replica(server: StartServer) -> Iterator[Sites]:
     """Starts servers that do only what they are asked for, on the database at a URL."""
     with ExitStack() as stack:
-        yield lambda url: stack.enter_context(Site(server(database_url=url, env=QUIET, launch=Forked)))
+        yield lambda url: stack.enter_context(Site(server(database_url=url, env=QUIET)))
 
 
 def is_leader(server: ServerProcess) -> bool:
@@ -176,7 +175,7 @@ def test_one_whose_session_is_ended_gives_up_or_begins_anew(replica: Sites, post
 def test_whichever_process_is_killed_nothing_is_lost_or_doubled(
     server: StartServer, database_url: str, tmp_path: Path
 ) -> None:
-    servers = [server(database_url=database_url, env=RESTLESS, launch=Forked) for _ in range(2)]
+    servers = [server(database_url=database_url, env=RESTLESS) for _ in range(2)]
     make_locations(servers[0].url)
     chance = dice()
     with fleet_at_work(tmp_path, *(each.url for each in servers)) as fleet:

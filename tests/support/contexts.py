@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.support.truth import Row, measurements_of
+from tidemap.api.views.locations import new_location
 from tidemap.formats.arrow import write
 from tidemap.formats.registry import Body
 from tidemap.history.history import History
@@ -85,7 +86,7 @@ def make_location(ctx: Context, name: str = "lab", shape: Sequence[int] | None =
     """A `state`, or a grid where a shape is given; samples of a minute unless told otherwise."""
     if shape is not None:
         form |= {"kind": f"grid{len(shape)}d", "grid": {"resolution_m": 0.5, "shape": list(shape)}}
-    return create_location(ctx, LocationForm(**{"name": name, "interval_s": 60.0, **form}))
+    return create_location(ctx, new_location(LocationForm(**{"name": name, "interval_s": 60.0, **form})))
 
 
 def arrow(measurements: Measurements, kind: str = "grid3d") -> Body:

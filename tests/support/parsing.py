@@ -11,9 +11,8 @@ from tidemap.space.grid import GridGeometry
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """The location's kind and grid, and the latest and earliest time that measurements may have."""
+    """The location's grid, and the latest and earliest time that measurements may have."""
 
-    kind: str
     grid: GridGeometry
     latest: float
     earliest: float = -6e10
@@ -21,5 +20,5 @@ class Target:
 
 def parse(body: Body, target: Target) -> Measurements:
     """The measurements of a body, in order."""
-    columns = registry.read(body, target.kind, target.grid)
+    columns = registry.read(body, target.grid)
     return observation.checked(columns, observation.Target(target.grid, target.earliest, target.latest))

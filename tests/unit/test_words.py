@@ -24,11 +24,12 @@ WORDS = {
     "loan loans lender lend lends lent lendable borrow borrows": "BufferLease, BufferPool, lease",
     "sheet sheets": "ArrowBuffer, StateBuffer, buffer",
     "wish wishes": "EventFilter, PendingGrant, ViewRequest, request",
-    "tell tells told": "publish, report",
-    "turns turned": "unit_phasors, complex_product",
+    "tell tells told telling": "publish, report",
+    "look looks": "snapshot, observation",
+    "turn turns turned": "phasor, unit_phasors, complex_product",
     "greatest": "top_k, highest",
-    "spread": "fill_unobserved",
-    "ascent": "logistic",
+    "spread spreads": "fill_unobserved",
+    "ascent ascend ascends": "logistic, maximise",
     "follow follows": "carry_over, live",
     "doubt doubts": "level_sd",
     "unmade": "submit_deferred",
@@ -51,8 +52,17 @@ PHRASES = re.compile(r"\b(of which|whoever|what is more|the mend)\b", re.IGNOREC
 # Only of prose: libraries have a `timestamp`.
 PROSE = re.compile(r"\b(voxels?|timestamps?|datapoints?|retrain\w*)\b", re.IGNORECASE)
 INSTEAD = {word: instead for words, instead in WORDS.items() for word in words.split()}
-# Where a library calls it so: a file tells its position.
-ELSEWHERE = {"app/tidemap/formats/npy.py": {"tell"}}
+# Where a library calls it so: a file tells its position, a camera looks at something.
+ELSEWHERE = {
+    "app/tidemap/formats/npy.py": {"tell"},
+    "web/tidemap_web/viewer/layout.py": {"look_at"},
+    "web/tidemap_web/viewer/scene.py": {"look_at"},
+}
+# Verbs of two words.
+VERBS = re.compile(r"_?(look_up)")
+# Words for observed and occupied where both are at hand; counts are `n_observed` and `n_occupied`.
+PAIR = {"seen", "full"}
+CORE = {"history", "spectral", "calendar", "auto"}
 
 SOURCES = sorted(path for folder in ("app", "web", "alembic", "docs") for path in (ROOT / folder).rglob("*.py"))
 STATIC = ROOT / "web" / "tidemap_web" / "pages"
@@ -93,9 +103,15 @@ def synonyms(found: set[str]) -> Iterator[str]:
     for identifier in sorted(found):
         if identifier.lstrip("_") in NAMES:
             yield f"{identifier}: say {NAMES[identifier.lstrip('_')]}"
-        for word in words(identifier):
+        for word in [] if VERBS.fullmatch(identifier) else words(identifier):
             if word in INSTEAD:
                 yield f"{identifier}: say {INSTEAD[word]}"
+
+
+@pytest.mark.parametrize("path", [path for path in SOURCES if path.parent.name in CORE], ids=name)
+def test_what_is_observed_and_what_is_occupied_is_called_so(path: Path) -> None:
+    names = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Name)]
+    assert not {node.id for node in names if isinstance(node.ctx, ast.Store)} >= PAIR
 
 
 def flat(path: Path) -> str:
@@ -144,7 +160,9 @@ def test_all_kinds_of_files_are_read() -> None:
         (".py", "class MapSheet:\n    pass  # a sheet\n", ["MapSheet: say ArrowBuffer, StateBuffer, buffer"]),
         (".py", "placeholder = 'place'\nin_place = 1\n", ["in_place: say location"]),
         (".py", "def _giving_back() -> None: ...\n", ["_giving_back: say periodic_trim"]),
-        (".py", "class Returns: ...\nturn = 1\n", []),
+        (".py", "class Returns: ...\nreturned = look_up(1)\n", []),
+        (".py", "turn = look(1)\n", ["look: say snapshot, observation", "turn: say " + INSTEAD["turn"]]),
+        (".py", "out_look = 1\n", ["out_look: say snapshot, observation"]),
         (".js", "let wish = null; // a wish\nsay('a wish', \"a wish\");", ["wish: say " + INSTEAD["wish"]]),
         (".html", '<p id="places">A place for {{ name }}</p>', ["places: say location"]),
         (".md", "Its place is `placed.at(x)`, or\n```python\nfor place in all: ...\n```\n", ["place: say location"]),

@@ -53,14 +53,14 @@ def measurements(time: TimesLike, state: Any, cell: Any = None) -> PostedColumns
     return _in_order(PostedColumns(times, states, cells))
 
 
-def look(time: TimesLike, occupied: NDArray[Any], free: NDArray[Any]) -> PostedColumns:
-    """One look at a grid at one time: cells seen occupied (m,) and cells seen free (k,)."""
+def snapshot(time: TimesLike, occupied: NDArray[Any], free: NDArray[Any]) -> PostedColumns:
+    """A grid at one time: cells seen occupied (m,) and cells seen free (k,)."""
     state = np.repeat(np.array([1, 0], np.uint8), [len(occupied), len(free)])
     return measurements(time, state, np.concatenate([occupied, free]))
 
 
 def batches(columns: PostedColumns, most: int = MEASUREMENTS_PER_POST) -> Iterator[PostedColumns]:
-    """Consecutive parts of at most `most` measurements, cut between looks where that is possible.
+    """Consecutive parts of at most `most` measurements, cut between snapshots where that is possible.
 
     There is always one, so that what an empty post means is left to the server.
     """
@@ -81,8 +81,8 @@ def table(columns: PostedColumns) -> tuple[str, bytes]:
     return (NPY, npy.write_rows(named)) if arrow.pa is None else (ARROW, arrow.write(named))
 
 
-def looks(columns: PostedColumns, rows: NDArray[np.int64]) -> bytes:
-    """The JSON form of looks at a grid; `columns.cell` counts into `rows` (m, 2 or 3), the cells [i, j, k].
+def snapshots(columns: PostedColumns, rows: NDArray[np.int64]) -> bytes:
+    """The JSON form of snapshots at a grid; `columns.cell` counts into `rows` (m, 2 or 3), the cells [i, j, k].
 
     It needs no shape and so no server. Raises ValueError for a state that it cannot say.
     """

@@ -85,7 +85,7 @@ class LocationOperations(AnomalyOperations):
         source: str | None = None,
         idempotency_key: str | None = None,
     ) -> Postable:
-        """Store one look at a grid: cells seen occupied and cells seen free, as indices or rows [i, j, k].
+        """Store one observation of a grid: cells seen occupied and cells seen free, as indices or rows [i, j, k].
 
         Or all of it as an array `grid` of the location's shape: 1 occupied, 0 free, -1 (or 255) not seen.
         Returns and raises what `observe` does.

@@ -13,9 +13,9 @@ from tidemap.client.encoding import (
     PostedColumns,
     batches,
     indices,
-    look,
-    looks,
     measurements,
+    snapshot,
+    snapshots,
     table,
     tristate,
 )
@@ -106,7 +106,7 @@ class TablePost:
         parts = list(batches(self.columns))
         for i, part in enumerate(parts):
             key = f"{self.key}-{i}" if len(parts) > 1 else self.key
-            content_type, content = table(part) if self.rows is None else (JSON, looks(part, self.rows))
+            content_type, content = table(part) if self.rows is None else (JSON, snapshots(part, self.rows))
             yield Batch(self.path, present(source=self.source), content_type, content, key, len(part))
 
     def plan(self) -> Plan[Accepted]:
@@ -135,7 +135,7 @@ def whole(path: str, time: TimeLike, states: Any, *, source: str | None = None, 
 def sighting(
     path: str, time: TimeLike, occupied: Any, free: Any, *, source: str | None = None, key: str | None = None
 ) -> TablePost:
-    """One look at a grid for the location at `path`, with `key` or a new one. Raises ValueError."""
+    """One observation of a grid for the location at `path`, with `key` or a new one. Raises ValueError."""
     seen = [np.asarray(cells) for cells in (occupied, free) if len(cells)]
     rows = None
     if any(cells.ndim == 2 for cells in seen):
@@ -143,7 +143,7 @@ def sighting(
             raise ValueError("give the cells occupied and free both as linear indices or both as rows [i, j, k]")
         rows = np.concatenate([indices(cells) for cells in seen])
         occupied, free = np.split(np.arange(len(rows)), [len(occupied)])
-    columns = look(unix(time), np.asarray(occupied), np.asarray(free))
+    columns = snapshot(unix(time), np.asarray(occupied), np.asarray(free))
     return TablePost(path, columns, rows, source, key or uuid.uuid4().hex)
 
 

@@ -54,7 +54,7 @@ class Rounds:
         missed = rounds(max(self._posting.since(), now - CATCH_UP_S), now)
         times = sorted({*missed.tolist(), now - now % every_s})
         for some in chunks(times, ROUNDS_AT_ONCE):
-            self._posting.post(self._robot.looks(some))
+            self._posting.post(self._robot.observations(some))
 
 
 def seconds_to_next(now: float, every_s: float) -> float:

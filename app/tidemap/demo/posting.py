@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tidemap.client import Client
 from tidemap.demo.locations import BUILDING, LOCATIONS
-from tidemap.demo.robot import Look
+from tidemap.demo.robot import RobotObservation
 from tidemap.schemas.anomalies import Event
 from tidemap.schemas.locations import Location
 
@@ -25,7 +25,7 @@ class Posted:
 
 
 class Posting:
-    """Posts looks of one robot in order of time; `last` is the time of the last at each location."""
+    """Posts observations of one robot in order of time; `last` is the time of the last at each location."""
 
     def __init__(self, client: Client, known: Mapping[str, Location]) -> None:
         self._client = client
@@ -36,18 +36,18 @@ class Posting:
         """All that was seen after this has to be posted somewhere."""
         return min(self.last.values())
 
-    def post(self, looks: Sequence[Look]) -> None:
-        """Post looks at the building and at the locations in it. Raises TidemapError."""
-        self.post_building(looks)
-        self.post_locations([look.time for look in looks], [look.locations for look in looks])
+    def post(self, observations: Sequence[RobotObservation]) -> None:
+        """Post observations at the building and at the locations in it. Raises TidemapError."""
+        self.post_building(observations)
+        self.post_locations([each.time for each in observations], [each.locations for each in observations])
 
-    def post_building(self, looks: Sequence[Look]) -> None:
+    def post_building(self, observations: Sequence[RobotObservation]) -> None:
         """Post what was seen of the building, as columns in one batch or a few."""
-        new = [look for look in looks if look.time > self.last[BUILDING]]
+        new = [observation for observation in observations if observation.time > self.last[BUILDING]]
         if new:
-            time = np.repeat([look.time for look in new], [len(look.cell) for look in new])
-            state = np.concatenate([look.state for look in new])
-            self._observe(BUILDING, time, state, np.concatenate([look.cell for look in new]))
+            time = np.repeat([observation.time for observation in new], [len(observation.cell) for observation in new])
+            state = np.concatenate([observation.state for observation in new])
+            self._observe(BUILDING, time, state, np.concatenate([observation.cell for observation in new]))
 
     def post_locations(self, time: Sequence[float], seen: Sequence[Mapping[str, bool]]) -> None:
         """Post the states of the locations, seen at times (n,)."""

@@ -23,7 +23,7 @@ _VISIT, _SHADOW_X, _SHADOW_Y, _NOISE, _FLICKERS, _FREE = range(100, 106)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Look:
+class RobotObservation:
     """What was seen at `time` (Unix seconds): cell (n,) uint32 in C order, state (n,) uint8; named locations."""
 
     time: float
@@ -47,7 +47,7 @@ class Robot:
         self._closely = self._surfaces(world.standing)
         self._flickers = self._flickering(moving)
 
-    def look(self, time: float) -> Look | None:
+    def observe(self, time: float) -> RobotObservation | None:
         """What the robot sees at Unix seconds; None when it is elsewhere. About 0.3 ms."""
         visit = int(time)
         if not self.world.story.happening(time) and draw(self.world.seed, _VISIT, visit) < MISSED:
@@ -56,11 +56,11 @@ class Robot:
         occupied[self._errors(visit)] ^= True
         seen = self._seen(visit)
         cell = np.flatnonzero(seen).astype(np.uint32)
-        return Look(time, cell, occupied[cell].astype(np.uint8), self.world.states(time))
+        return RobotObservation(time, cell, occupied[cell].astype(np.uint8), self.world.states(time))
 
-    def looks(self, times: Iterable[float]) -> list[Look]:
+    def observations(self, times: Iterable[float]) -> list[RobotObservation]:
         """What the robot sees on the rounds that it makes of those at `times`."""
-        return [look for look in map(self.look, times) if look is not None]
+        return [observation for observation in map(self.observe, times) if observation is not None]
 
     def _seen(self, visit: int) -> Cells:
         seen = self._always.copy()

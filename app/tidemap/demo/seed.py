@@ -72,9 +72,9 @@ def _post_history(posting: Posting, robot: Robot, times: NDArray[np.float64], pr
     seen: list[tuple[float, dict[str, bool]]] = []
     with progress.task("History", len(times)) as step:
         for some in chunks(times.tolist(), ROUNDS_AT_ONCE):
-            looks = robot.looks(some)
-            posting.post_building(looks)
-            seen += [(look.time, look.locations) for look in looks]
+            observations = robot.observations(some)
+            posting.post_building(observations)
+            seen += [(observation.time, observation.locations) for observation in observations]
             step(len(some))
         posting.post_locations(*zip(*seen, strict=True))
 
@@ -82,7 +82,7 @@ def _post_history(posting: Posting, robot: Robot, times: NDArray[np.float64], pr
 def _post_recent(posting: Posting, robot: Robot, times: NDArray[np.float64], progress: Progress) -> None:
     with progress.task("Last days", len(times)) as step:
         for some in chunks(times.tolist(), ROUNDS_AT_ONCE):
-            posting.post(robot.looks(some))
+            posting.post(robot.observations(some))
             step(len(some))
 
 

@@ -1,16 +1,22 @@
 """Messages of the bus and of the WebSocket."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from tidemap.schemas.common import iso
 
 Kind = Literal["observation", "anomaly", "update", "job"]
+TIMES = ("start", "stop", "acknowledged_at")
+"""What is written as ISO 8601 of the data."""
 
 
 @dataclass(frozen=True, slots=True)
 class EventMessage:
-    """Something happened at a location. `id` numbers observations, anomalies, revisions or jobs; `data` adds to it."""
+    """Something happened at a location. `id` numbers observations, anomalies, revisions or jobs.
+
+    `data` adds to it: plain values, those of TIMES in Unix seconds.
+    """
 
     kind: Kind
     location: str
@@ -20,10 +26,17 @@ class EventMessage:
 
     def wire(self) -> dict[str, Any]:
         """As it goes over the WebSocket."""
+        times = {name: self.data[name] for name in TIMES if self.data.get(name) is not None}
         return {
             **self.data,
+            **{name: iso(time_s) for name, time_s in times.items()},
             "kind": self.kind,
             "location": self.location,
             "id": self.id,
             "time": iso(self.time),
         }
+
+
+def enveloped(kind: str, time: float, data: Mapping[str, Any]) -> dict[str, Any]:
+    """The content of a webhook, as Standard Webhooks has it."""
+    return {"type": kind, "timestamp": iso(time), "data": data}

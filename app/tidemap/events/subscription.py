@@ -15,7 +15,7 @@ from typing import get_args
 
 from tidemap.events.bus import Bus, Listener
 from tidemap.events.messages import EventMessage, Kind
-from tidemap.schemas.scope import EVERYWHERE, Scope
+from tidemap.scope import EVERYWHERE, Scope
 
 KINDS: frozenset[str] = frozenset(get_args(Kind))
 REPLAY_PAGE = 500

@@ -11,24 +11,23 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from tidemap.errors import FieldError, InvalidInputError, UnreadableBodyError
-from tidemap.formats.table import Column, Labels, Nullable
+from tidemap.formats.table import Column, Labels, Nullable, wanted
 from tidemap.history.columns import Columns, Content, Integers, misnamed, of_table
 from tidemap.space.grid import GridGeometry
 
 
-def read(content: Content, kind: str, grid: GridGeometry) -> Columns:
+def read(content: Content, grid: GridGeometry) -> Columns:
     """Columns of an Arrow IPC stream. Raises UnreadableBodyError, InvalidInputError."""
-    del grid
-    table = _load(content, kind)
-    cell = None if kind == "state" else _integers(table.column("cell"))
+    table = _load(content, wanted(grid))
+    cell = None if grid.is_single else _integers(table.column("cell"))
     return of_table(_times(table.column("time")), cell, _integers(table.column("state")))
 
 
-def _load(content: Content, kind: str) -> Any:
+def _load(content: Content, columns: list[str]) -> Any:
     """The table; nothing but the schema is read before that is right, and nothing is ever unpacked."""
     try:
         with pa.ipc.open_stream(pa.py_buffer(content)) as reader:
-            _check_columns(reader.schema, kind)
+            _check_columns(reader.schema, columns)
             _refuse_packed(content)
             table = reader.read_all()
         table.validate(full=True)
@@ -66,8 +65,8 @@ def _field(metadata: bytes, table: int, number: int) -> int | None:
     return table + offset if offset else None
 
 
-def _check_columns(schema: Any, kind: str) -> None:
-    errors = misnamed(list(schema.names), kind)
+def _check_columns(schema: Any, columns: list[str]) -> None:
+    errors = misnamed(list(schema.names), columns)
     unknown = {error.field for error in errors}
     errors += [
         FieldError(each.name, message) for each in schema if each.name not in unknown and (message := _wrong_type(each))

@@ -10,7 +10,8 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from tidemap.errors import FieldError, InvalidInputError, UnreadableBodyError
-from tidemap.history.columns import Columns, Content, Integers, misnamed, of_table, wanted
+from tidemap.formats.table import wanted
+from tidemap.history.columns import Columns, Content, Integers, misnamed, of_table
 from tidemap.space.grid import GridGeometry
 
 UNSEEN = 255
@@ -21,12 +22,11 @@ HEADS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 """By the version of the file. numpy writes others only for names of fields that are no Latin-1."""
 
 
-def read(content: Content, kind: str, grid: GridGeometry) -> Columns:
+def read(content: Content, grid: GridGeometry) -> Columns:
     """Columns of an npy file. Raises UnreadableBodyError, InvalidInputError."""
-    del grid
-    rows = _load(content, kind)
+    rows = _load(content, wanted(grid))
     time = np.ascontiguousarray(rows["time"], np.float64)
-    return of_table(time, None if kind == "state" else _integers(rows["cell"]), _integers(rows["state"]))
+    return of_table(time, None if grid.is_single else _integers(rows["cell"]), _integers(rows["state"]))
 
 
 def read_grid(content: Content, grid: GridGeometry, time: float) -> Columns:
@@ -57,10 +57,10 @@ def _load_grid(content: Content, grid: GridGeometry) -> NDArray[np.uint8]:
     return array.reshape(-1)
 
 
-def _load(content: Content, kind: str) -> Any:
+def _load(content: Content, fields: list[str]) -> Any:
     """The rows where they stand in the body."""
     head = _head(content)
-    _check_type(head.dtype, kind)
+    _check_type(head.dtype, fields)
     if len(head.shape) != 1:
         raise InvalidInputError.at("body", f"its shape is {head.shape}; send one row a measurement: shape (n,)")
     _check_length(head, content)
@@ -96,16 +96,15 @@ def _check_length(head: Head, content: Content) -> None:
         )
 
 
-def _check_type(dtype: np.dtype[Any], kind: str) -> None:
+def _check_type(dtype: np.dtype[Any], fields: list[str]) -> None:
     """Raises InvalidInputError naming every field that is wrong."""
     if dtype.names is None:
-        fields = ", ".join(wanted(kind))
         raise InvalidInputError.at(
             "body",
-            f"its type is {dtype}; send a structured array with the fields {fields}, "
+            f"its type is {dtype}; send a structured array with the fields {', '.join(fields)}, "
             "or a grid of uint8 and its time as ?time=",
         )
-    errors = misnamed(list(dtype.names), kind)
+    errors = misnamed(list(dtype.names), fields)
     unknown = {error.field for error in errors}
     errors += [
         FieldError(name, message)

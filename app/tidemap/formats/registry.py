@@ -17,9 +17,9 @@ from tidemap.space.grid import GridGeometry
 
 @dataclass(frozen=True, slots=True)
 class Reader:
-    """`read` gives the columns of a body for a location's kind and grid. `cost` as `Body.cost`."""
+    """`read` gives the columns of a body for a location's grid. `cost` as `Body.cost`."""
 
-    read: Callable[[Content, str, GridGeometry], Columns]
+    read: Callable[[Content, GridGeometry], Columns]
     cost: int
 
 
@@ -60,8 +60,8 @@ class Body:
         return self.media_type if self.time is None else f"{self.media_type} {self.time!r}"
 
 
-def read(body: Body, kind: str, grid: GridGeometry) -> Columns:
-    """The measurements of a body as they were sent, for a location of this kind and grid.
+def read(body: Body, grid: GridGeometry) -> Columns:
+    """The measurements of a body as they were sent, for a location of this grid.
 
     Raises UnsupportedMediaTypeError, UnreadableBodyError, InvalidInputError.
     """
@@ -71,7 +71,7 @@ def read(body: Body, kind: str, grid: GridGeometry) -> Columns:
             f"Content-Type {body.media_type!r} is not read here; send one of {', '.join(READERS)}."
         )
     if body.time is None:
-        return reader.read(body.content, kind, grid)
+        return reader.read(body.content, grid)
     if body.media_type != NPY:
         raise InvalidInputError.at("time", f"only a grid as {NPY} has its time here; leave it out")
     return npy.read_grid(body.content, grid, body.time)

@@ -1,10 +1,12 @@
-"""Columns of an answer, as every format writes them."""
+"""Columns of measurements and of answers, as every format reads and writes them."""
 
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+
+from tidemap.space.grid import GridGeometry
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,3 +26,8 @@ class Nullable:
 
 
 Column: TypeAlias = NDArray[Any] | Labels | Nullable
+
+
+def wanted(grid: GridGeometry) -> list[str]:
+    """The columns of a table of measurements."""
+    return ["state", "time"] if grid.is_single else ["cell", "state", "time"]

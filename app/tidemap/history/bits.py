@@ -207,9 +207,9 @@ def boundaries(observed: Plane, occupied: Plane, n_samples: int, out: Words) -> 
     """out (n_cells, n_words): bits where a run of constant state begins; bit 0 always."""
     for cell in range(observed.shape[0]):
         for word in range(out.shape[1]):
-            seen, full = word_at(observed, cell, 64 * word), word_at(occupied, cell, 64 * word)
+            observed_word, occupied_word = word_at(observed, cell, 64 * word), word_at(occupied, cell, 64 * word)
             before = word_at(observed, cell, 64 * word - 1)
-            value = (seen ^ before) | (full ^ word_at(occupied, cell, 64 * word - 1))
+            value = (observed_word ^ before) | (occupied_word ^ word_at(occupied, cell, 64 * word - 1))
             if word == 0:
                 value |= ONE
             if n_samples - 64 * word < 64:

@@ -29,11 +29,6 @@ class Columns:
     whole: str
 
 
-def wanted(kind: str) -> list[str]:
-    """The columns of a table of measurements."""
-    return ["state", "time"] if kind == "state" else ["cell", "state", "time"]
-
-
 def of_table(time: NDArray[np.float64], cell: Integers | None, state: Integers) -> Columns:
     """The columns of a table, one row a measurement; without `cell` all are of a location's only one."""
     cells = np.broadcast_to(np.uint32(0), len(time)) if cell is None else cell
@@ -41,9 +36,8 @@ def of_table(time: NDArray[np.float64], cell: Integers | None, state: Integers) 
     return Columns(time, cells, state, "time[{}]".format, cell_field, "state[{}]".format, "time")
 
 
-def misnamed(names: list[str], kind: str) -> list[FieldError]:
-    """What is wrong with the names of a table's columns."""
-    known = wanted(kind)
+def misnamed(names: list[str], known: list[str]) -> list[FieldError]:
+    """What is wrong with the names of a table's columns, which are to be those `known`."""
     errors = [
         FieldError(name, f"this column is not known here; send {', '.join(known)}")
         for name in dict.fromkeys(names)

@@ -1,5 +1,6 @@
 """History: what was observed, per cell and sample, as packed bit planes."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, Self
 
@@ -122,6 +123,12 @@ class History:
         rows = np.asarray(cells, np.int64)
         return History(self.start, self.n_samples, self.observed[rows], self.occupied[rows])
 
+    @classmethod
+    def stack(cls, parts: "Sequence[History]") -> Self:
+        """The cells of all parts, at least one, of the same samples."""
+        planes = (np.concatenate([getattr(part, plane) for part in parts]) for plane in ("observed", "occupied"))
+        return cls(parts[0].start, parts[0].n_samples, *planes)
+
     def overlay(self, newer: "History") -> "History":
         """Both over the hull of their windows; where both observed, `newer` stands."""
         start, stop = min(self.start, newer.start), max(self.stop, newer.stop)
@@ -136,6 +143,10 @@ class History:
         held = History(self.start, self.n_samples, self.observed.copy(), self.occupied.copy())
         bits.hold(held.observed, held.occupied, self.n_samples, hold_samples)
         return held
+
+    def held(self, start: int, stop: int, hold_samples: int) -> "History":
+        """Samples [start, stop), a state held as by `hold`, past the end of what is known too."""
+        return self.window(self.start, max(self.stop, stop)).hold(hold_samples).window(start, stop)
 
     def last_seen(self, sample: int) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
         """The latest observed state at or before `sample` and its sample, (n_cells,) each.
@@ -169,6 +180,11 @@ class History:
         bits.any_ones(self.observed, found)
         return found
 
+    def changing(self) -> NDArray[np.int64]:
+        """The cells that were observed both occupied and free, ascending."""
+        occupied = self.count_occupied()
+        return np.flatnonzero((occupied > 0) & (occupied < self.count_observed()))
+
     def count_observed(self) -> NDArray[np.int64]:
         """(n_cells,) the observed samples."""
         return _count(self.observed)
@@ -192,9 +208,9 @@ class History:
 
     def _state_at(self, cell: NDArray[np.int64], bit: NDArray[np.int64]) -> NDArray[np.uint8]:
         mask = np.uint8(1) << (bit & 7).astype(np.uint8)
-        seen = (self.observed[cell, bit >> 3] & mask) != 0
-        full = (self.occupied[cell, bit >> 3] & mask) != 0
-        return np.where(seen, full.astype(np.uint8), np.uint8(UNOBSERVED))
+        observed = (self.observed[cell, bit >> 3] & mask) != 0
+        occupied = (self.occupied[cell, bit >> 3] & mask) != 0
+        return np.where(observed, occupied.astype(np.uint8), np.uint8(UNOBSERVED))
 
     @classmethod
     def from_intervals(cls, intervals: Intervals, start: int | None = None, stop: int | None = None) -> Self:

@@ -71,20 +71,20 @@ def _extend(
     for cell in range(observed.shape[0]):
         word, mask = last >> 6, ALL >> np.uint64(63 - (last & 63))
         while word >= 0 and not whole[cell]:
-            seen = aligned_word(observed, cell, word) & mask
-            if seen != np.uint64(0):
+            observed_bits = aligned_word(observed, cell, word) & mask
+            if observed_bits != np.uint64(0):
                 first = start + 64 * word
                 if state[cell] == UNOBSERVED:
-                    position = highest(seen)
+                    position = highest(observed_bits)
                     sample[cell] = first + position
                     state[cell] = bit_at(occupied, cell, 64 * word + position)
-                full = aligned_word(occupied, cell, word) & seen
-                other = seen & ~full if state[cell] else full
+                occupied_bits = aligned_word(occupied, cell, word) & observed_bits
+                other = observed_bits & ~occupied_bits if state[cell] else occupied_bits
                 if other != np.uint64(0):
                     whole[cell] = True
-                    seen = _above(seen, highest(other))
-                if seen != np.uint64(0):
-                    begin[cell] = first + _lowest(seen)
+                    observed_bits = _above(observed_bits, highest(other))
+                if observed_bits != np.uint64(0):
+                    begin[cell] = first + _lowest(observed_bits)
             mask = ALL
             word -= 1
 

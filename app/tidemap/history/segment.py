@@ -41,6 +41,27 @@ class Segment:
         return cls(History.empty(n_cells, number * SEGMENT_SAMPLES, SEGMENT_SAMPLES), np.empty(0), None)
 
 
+def since_gap(numbers: list[int], most: float) -> int:
+    """The first of the segments since the last gap of more than `most` samples with no more of them before than since.
+
+    >>> since_gap([0, 900, 901], 5000.0), since_gap([0, 1, 900], 5000.0), since_gap([], 5000.0)
+    (900, 0, 0)
+    """
+    for i in reversed(range(1, len(numbers))):
+        gap = (numbers[i] - numbers[i - 1] - 1) * SEGMENT_SAMPLES
+        if gap > most and i <= len(numbers) - i:
+            return numbers[i]
+    return numbers[0] if numbers else 0
+
+
+def lay(whole: History, segment: Segment) -> None:
+    """In place: the planes of a segment where they belong in a longer history, which starts where a segment does."""
+    first = (segment.history.start - whole.start) // 8
+    part = slice(first, first + SEGMENT_SAMPLES // 8)
+    whole.observed[:, part] = segment.history.observed
+    whole.occupied[:, part] = segment.history.occupied
+
+
 def merge(segment: Segment, measurements: Measurements, base: TimeBase, combine: str = LATEST) -> Segment:
     """The segment with the measurements in it; neither their order nor earlier merges matter, to the last bit.
 

@@ -1,4 +1,4 @@
-"""Look: measurements of one moment, as a robot's sensor makes them: put in order in one pass; the cells they saw."""
+"""Snapshots: measurements of one moment, as sensors make them: put in order in one pass; the cells they saw."""
 
 from typing import Any, TypeVar
 

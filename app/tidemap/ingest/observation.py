@@ -38,10 +38,9 @@ def checked(columns: Columns, target: Target) -> Measurements:
     """
     if not len(columns.time):
         raise InvalidInputError.at(columns.whole, "there is no measurement in it; send at least one")
-    look = sort_snapshot(
-        columns.time, columns.cell, columns.state, (target.earliest, target.latest), target.grid.n_cells
-    )
-    return _in_order(columns, target) if look is None else look
+    times = (max(target.earliest, -FARTHEST_S), target.latest)
+    snapshot = sort_snapshot(columns.time, columns.cell, columns.state, times, target.grid.n_cells)
+    return _in_order(columns, target) if snapshot is None else snapshot
 
 
 def _in_order(columns: Columns, target: Target) -> Measurements:

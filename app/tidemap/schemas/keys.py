@@ -5,7 +5,7 @@ from typing import Literal
 from pydantic import Field
 
 from tidemap.schemas.common import Answer, Form, Text, TimeIn, TimeOut, shown
-from tidemap.schemas.scope import LocationPatterns
+from tidemap.schemas.patterns import LocationPatterns
 
 Role = Literal["robot", "operator", "admin"]
 MAX_OVERLAP_S = 90 * 86400.0

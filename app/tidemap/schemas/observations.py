@@ -19,7 +19,7 @@ class StateObservations(Form):
 
 
 class GridObservation(Form):
-    """What one look at a grid saw; cells in neither list were not seen. A cell is its linear index or [i,j,k]."""
+    """What was seen of a grid at one time; a cell in neither list was not seen. It is its linear index or [i,j,k]."""
 
     time: TimeIn
     occupied: Cells = Field(default=[], description="Cells seen occupied.")

@@ -5,7 +5,7 @@ from typing import Literal
 from pydantic import Field
 
 from tidemap.schemas.common import Answer, Form, Text, TimeOut, shown
-from tidemap.schemas.scope import LocationPatterns
+from tidemap.schemas.patterns import LocationPatterns
 
 MAX_URL = 2000
 

@@ -9,8 +9,8 @@ from threading import Event
 from fastapi import FastAPI
 
 from tidemap.api.main import create_app
+from tidemap.server.warming import warm_up
 from tidemap.services.context import Context
-from tidemap.services.warm import warm
 from tidemap.workers.compactor import Compactor
 from tidemap.workers.election import LeaderElection
 from tidemap.workers.updater import Updater
@@ -70,7 +70,7 @@ def api_replica(ctx: Context, *extensions: Extension) -> Iterator[FastAPI]:
 
 def work(ctx: Context, stop: Event) -> None:
     """Background work alone, until `stop` is set: a candidate for leadership that serves nothing."""
-    warm()
+    warm_up()
     with background(ctx):
         stop.wait()
 

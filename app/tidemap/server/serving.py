@@ -21,8 +21,8 @@ from tidemap.server.demo import Demo
 from tidemap.server.memory import periodic_trim
 from tidemap.server.processes import Extension, all_in_one
 from tidemap.server.protocol import BoundedHttpProtocol, BoundedWebSocketProtocol
+from tidemap.server.warming import warm_up
 from tidemap.services.context import Context
-from tidemap.services.warm import warm
 
 GRACE_S = 10
 MAX_MESSAGE_BYTES = 2**20
@@ -63,7 +63,7 @@ def serve(ctx: Context, bound: socket.socket, options: ServeOptions, *extensions
     settings = ctx.settings
     sys.setswitchinterval(SWITCH_S)
     with ExitStack() as stack:
-        warm()
+        warm_up()
         stack.enter_context(periodic_trim())
         site = stack.enter_context(all_in_one(ctx, *extensions))
         census = Census(settings.max_connections, settings.max_connections_per_address)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, fields
 
 from tidemap.errors import refuse_reversed
-from tidemap.schemas.scope import EVERYWHERE, Scope
+from tidemap.scope import EVERYWHERE, Scope
 from tidemap.services.context import Context
 from tidemap.storage.records import AnomalyRecord, LocationRecord
 from tidemap.storage.repositories.anomalies import AnomalyFilter

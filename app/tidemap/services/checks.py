@@ -12,6 +12,7 @@ import numpy as np
 
 from tidemap.errors import CorruptChunkError
 from tidemap.history.segment import SEGMENT_SAMPLES, Segment
+from tidemap.space.grid import Extent
 from tidemap.storage.blobs import unpack_cells, unpack_json, unpack_measurements, unpack_segment, unpack_spectrum
 from tidemap.storage.inspection import Row, Snapshot
 from tidemap.storage.records import LocationRecord, RevisionRecord
@@ -46,7 +47,7 @@ def location_of(row: Row) -> LocationRecord:
     """The record of a location's row; ValueError saying why there is none."""
     try:
         location = LocationRecord.of(row._mapping)
-        fits = location.base and location.n_cells > 0 and (location.kind == "state") == (location.grid is None)
+        fits = location.base and location.n_cells > 0 and (location.extent is Extent.SINGLE) == (location.grid is None)
     except UNREADABLE as error:
         raise ValueError(f"they cannot be read: {error}") from error
     if not fits:

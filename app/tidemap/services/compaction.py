@@ -1,17 +1,17 @@
 """Compaction: the log's tail becomes segments of the history, and what is older than `retention` is forgotten."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping
-from itertools import pairwise
 
 import numpy as np
 
 from tidemap.errors import CorruptChunkError
+from tidemap.history.chunks import Part, by_segment, of_chunk, split
 from tidemap.history.measurements import Measurements
 from tidemap.history.segment import Segment, merge
 from tidemap.services.context import Context
-from tidemap.services.history import by_chunk, by_segment, of_chunk, span
+from tidemap.services.history import span
 from tidemap.storage.blobs import pack_segment
-from tidemap.storage.records import CHUNK_CELLS, LocationRecord
+from tidemap.storage.records import LocationRecord
 from tidemap.storage.repositories.observations import Packed
 from tidemap.storage.repositories.segments import SegmentKey
 from tidemap.storage.work import Work
@@ -21,8 +21,6 @@ ROUND_MEASUREMENTS = 8_000_000
 memory."""
 LATE = 1.02
 """How many times its location's `retention` old something is that is dropped though nobody posts."""
-Part = tuple[Measurements, int, int]
-"""Rows [first, stop) of measurements: as measurements of their own they would take half as much memory again."""
 
 
 def compact(ctx: Context, location: LocationRecord, check: Callable[[], None] = lambda: None) -> None:
@@ -129,24 +127,13 @@ def unpack(ctx: Context, location: LocationRecord, rows: list[Packed]) -> tuple[
     return parts, damaged
 
 
-def split(parts: list[Measurements]) -> dict[int, list[Part]]:
-    """Which part of what was measured at once lies in each chunk; nothing is copied, a log is larger than its rows."""
-    found: dict[int, list[Part]] = {}
-    for part in map(by_chunk, parts):
-        chunk = part.cell // np.uint32(CHUNK_CELLS)
-        borders = [0, *(np.flatnonzero(chunk[1:] != chunk[:-1]) + 1).tolist(), len(part)]
-        for first, stop in pairwise(borders):
-            found.setdefault(int(chunk[first]), []).append((part, first, stop))
-    return found
-
-
 def _merge_all(
     ctx: Context, location: LocationRecord, measured: dict[int, list[Part]]
 ) -> Iterator[tuple[SegmentKey, bytes]]:
     """The segments that what was measured in each chunk changes, packed; one at a time is held unpacked."""
     for chunk, parts in sorted(measured.items()):
         whole = Measurements.concatenate([part.select(slice(first, stop)) for part, first, stop in parts])
-        for number, new in by_segment(location, of_chunk(whole, chunk)):
+        for number, new in by_segment(of_chunk(whole, chunk), location.base):
             with ctx.store.read() as work:
                 key, before = segment_before(ctx, work, location, (chunk, number))
             segment = before or Segment.empty(location.chunk_size(chunk), number)

@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.errors import refuse_reversed
+from tidemap.history.chunks import Part, by_segment, of_chunk, split
 from tidemap.history.erasing import erase
 from tidemap.history.measurements import Measurements
 from tidemap.history.segment import SEGMENT_SAMPLES, Segment, merge
-from tidemap.services.compaction import Part, replace_log, segment_before, split, stored_segment, unpack
+from tidemap.services.compaction import replace_log, segment_before, stored_segment, unpack
 from tidemap.services.context import Context
-from tidemap.services.history import NOTHING, by_segment, of_chunk
+from tidemap.services.history import NOTHING
 from tidemap.services.locations import find_location
 from tidemap.services.owners import Owners
 from tidemap.storage.blobs import pack_segment
@@ -118,7 +119,7 @@ def _revised(
     """Segments with what was measured, without what `choose` takes of those with these keys; how much was erased."""
     for chunk in sorted({*measured, *(chunk for chunk, _ in keys)}):
         parts = [part.select(slice(first, stop)) for part, first, stop in measured.get(chunk, [])]
-        new = dict(by_segment(location, of_chunk(Measurements.concatenate(parts), chunk)))
+        new = dict(by_segment(of_chunk(Measurements.concatenate(parts), chunk), location.base))
         for number in sorted({*new, *(number for owner, number in keys if owner == chunk)}):
             key, before, erased = (chunk, number), None, 0
             with ctx.store.read() as work:

@@ -15,8 +15,8 @@ import httpx
 import orjson
 
 from tidemap.errors import AnomalyNotFoundError, DestinationError, SecretFileError
+from tidemap.events.messages import enveloped
 from tidemap.media_types import JSON
-from tidemap.schemas.common import iso
 from tidemap.services.anomalies import get_event
 from tidemap.services.context import Context
 from tidemap.services.destinations import resolve
@@ -128,7 +128,7 @@ def _after(now: float, delivery: DeliveryRecord, attempt: Attempt) -> dict[str, 
 
 
 def _body(kind: str, time: float, data: Mapping[str, Any]) -> bytes:
-    return orjson.dumps({"type": kind, "timestamp": iso(time), "data": data})
+    return orjson.dumps(enveloped(kind, time, data))
 
 
 def _signed(ctx: Context, webhook: WebhookRecord, message_id: str, body: bytes) -> dict[str, str]:

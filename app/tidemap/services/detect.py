@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tidemap.errors import CorruptChunkError, InvalidInputError, refuse_reversed
+from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.history import UNOBSERVED
 from tidemap.services.anomalies import Anomaly, anomaly_of
 from tidemap.services.context import Context
@@ -14,7 +15,7 @@ from tidemap.services.judge import Criterion, Marks, group
 from tidemap.services.spectra import Fitted, fitted
 from tidemap.spectral.anomaly import Rule, is_anomalous
 from tidemap.spectral.prediction import predict_times
-from tidemap.storage.records import CHUNK_CELLS, LocationRecord
+from tidemap.storage.records import LocationRecord
 
 MAX_MARKS = 2_000_000
 """Surprising cells that one search may find."""

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,19 +11,16 @@ from tidemap.history.history import UNOBSERVED, History
 from tidemap.services.context import Context
 from tidemap.services.history import read_history, window
 from tidemap.services.spectra import current_revision, recipe_for
-from tidemap.spectral.estimators import fit_recipe
+from tidemap.spectral.estimators import fit_all
 from tidemap.spectral.evaluation import Reliability, Scores, ScoreSums
-from tidemap.spectral.prediction import predict_times
-from tidemap.spectral.recipe import Recipe
-from tidemap.spectral.spectrum import Spectrum, truncate
+from tidemap.spectral.spectrum import Spectrum
+from tidemap.spectral.window import chosen_window
 from tidemap.storage.records import LocationRecord, RevisionRecord
 
 MAX_VALUES = 20_000_000
 """Predictions that one evaluation makes of many cells; of larger locations evenly spread cells are scored."""
 MAX_CELL_VALUES = 100_000_000
 """Predictions that one evaluation makes of one cell; more are refused."""
-BLOCK_VALUES = 1 << 19
-"""Predictions that are made and scored at once."""
 DEFAULT_ESTIMATORS = ("fft", "calendar", "static")
 
 
@@ -93,19 +89,10 @@ def evaluate(ctx: Context, name: str, query: EvaluateQuery, check: Callable[[], 
     for trial in _trials(ctx, location, train, query, candidates, check):
         observed += int((trial.states != UNOBSERVED).sum())
         for candidate, spectrum in trial.spectra.items():
-            _score(tallies[candidate], spectrum, trial, check)
+            tallies[candidate].add_predicted(spectrum, trial.time, trial.states, check)
     if not observed:
         raise InvalidInputError.at("start", "nothing was observed in this time; choose another range")
     return _answer(tallies, revision.revision)
-
-
-def _score(tally: ScoreSums, spectrum: Spectrum, trial: _Trial, check: Callable[[], None]) -> None:
-    """Score one fit of a trial, block by block of times."""
-    step = max(1, BLOCK_VALUES // len(trial.states))
-    for first in range(0, len(trial.time), step):
-        check()
-        part = slice(first, first + step)
-        tally.add(predict_times(spectrum, trial.time[part]), trial.states[:, part])
 
 
 def _candidates(query: EvaluateQuery) -> list[Candidate]:
@@ -118,9 +105,8 @@ def _candidates(query: EvaluateQuery) -> list[Candidate]:
 
 
 def _training(ctx: Context, location: LocationRecord, revision: RevisionRecord, query: EvaluateQuery) -> RevisionRecord:
-    first, last = window(ctx, location)
-    start = revision.start if query.train_start is None else max(first, int(location.base.sample(query.train_start)))
-    stop = revision.stop if query.train_stop is None else min(last, int(location.base.sample(query.train_stop)))
+    own = (revision.start, revision.stop)
+    start, stop = chosen_window(location.base, window(ctx, location), own, (query.train_start, query.train_stop))
     if stop <= start:
         raise InvalidInputError.at("train_stop", "the training window is empty; widen it")
     return replace(revision, start=start, stop=stop)
@@ -137,7 +123,7 @@ def _trials(
     recipes = {candidate: recipe_for(location, train, *candidate) for candidate in candidates}
 
     def trial(history: History, time: NDArray[np.float64], states: NDArray[np.uint8]) -> _Trial:
-        return _Trial(time, states, _fit_all(history, recipes, location, check))
+        return _Trial(time, states, fit_all(history, recipes, location.base, check))
 
     if query.time is not None or query.state is not None:
         time, given = _given(location, query)
@@ -169,26 +155,8 @@ def _check_size(n_times: int, candidates: list[Candidate]) -> None:
         )
 
 
-def _fit_all(
-    history: History, recipes: dict[Candidate, Recipe], location: LocationRecord, check: Callable[[], None]
-) -> dict[Candidate, Spectrum]:
-    """Every candidate's spectrum; `fft` is fitted once, its smaller orders are the first components."""
-    most = max(
-        (recipe for recipe in recipes.values() if recipe.estimator == "fft"), key=attrgetter("order"), default=None
-    )
-    largest = None if most is None else fit_recipe(history, most, location.base)
-    fits: dict[Candidate, Spectrum] = {}
-    for candidate, recipe in recipes.items():
-        check()
-        if largest is not None and recipe.estimator == "fft":
-            fits[candidate] = truncate(largest, recipe.order)
-        else:
-            fits[candidate] = fit_recipe(history, recipe, location.base)
-    return fits
-
-
 def _given(location: LocationRecord, query: EvaluateQuery) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
-    if location.kind != "state":
+    if location.grid is not None:
         raise InvalidInputError.at(
             "time", "measurements can be given for kind 'state' only; post them and use start, stop"
         )

@@ -6,6 +6,7 @@ from typing import Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.history import OCCUPIED
 from tidemap.services.context import Context, KeptEvidence
 from tidemap.services.history import read_times
@@ -13,7 +14,7 @@ from tidemap.services.readings import Readings, readings_at
 from tidemap.services.spectra import Fitted
 from tidemap.spectral.conditioning import Evidence, Standing
 from tidemap.spectral.prediction import known, predict
-from tidemap.storage.records import CHUNK_CELLS, LocationRecord
+from tidemap.storage.records import LocationRecord
 
 Given = Literal["observations", "model"]
 """What an answer is conditioned on: what was read last of each cell, or nothing."""

@@ -1,6 +1,5 @@
 """The history of locations: compacted segments and the log's tail together."""
 
-from bisect import bisect_left
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
@@ -10,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.errors import CorruptChunkError
+from tidemap.history.chunks import CHUNK_CELLS, by_chunk, by_segment, of_chunk
 from tidemap.history.history import History
 from tidemap.history.measurements import Measurements
-from tidemap.history.segment import SEGMENT_SAMPLES, Segment, merge, standing, times_at
+from tidemap.history.segment import SEGMENT_SAMPLES, Segment, lay, merge, since_gap, standing, times_at
 from tidemap.services.context import Context
 from tidemap.settings import YEAR_S
-from tidemap.storage.records import CHUNK_CELLS, LocationRecord
+from tidemap.storage.records import LocationRecord
 from tidemap.storage.repositories.observations import Tail
 from tidemap.storage.work import Work
 
@@ -47,7 +47,7 @@ def window(ctx: Context, location: LocationRecord) -> tuple[int, int]:
     start = max(start, stop - most)
     if (stop - start) * location.interval_s <= YEAR_S:
         return start, stop
-    return max(start, _since_gap(_populated(ctx, location), YEAR_S / location.interval_s) * SEGMENT_SAMPLES), stop
+    return max(start, since_gap(_populated(ctx, location), YEAR_S / location.interval_s) * SEGMENT_SAMPLES), stop
 
 
 def _populated(ctx: Context, location: LocationRecord) -> list[int]:
@@ -56,19 +56,6 @@ def _populated(ctx: Context, location: LocationRecord) -> list[int]:
         compacted = work.segments.numbers(location.id)
         ends = np.array(work.observations.pending_times(location), np.float64).reshape(-1)
     return sorted({*compacted, *(location.base.sample(ends) // SEGMENT_SAMPLES).tolist()})
-
-
-def _since_gap(numbers: list[int], most: float) -> int:
-    """The first of the segments since the last gap of more than `most` samples with no more of them before than since.
-
-    >>> _since_gap([0, 900, 901], 5000.0), _since_gap([0, 1, 900], 5000.0), _since_gap([], 5000.0)
-    (900, 0, 0)
-    """
-    for i in reversed(range(1, len(numbers))):
-        gap = (numbers[i] - numbers[i - 1] - 1) * SEGMENT_SAMPLES
-        if gap > most and i <= len(numbers) - i:
-            return numbers[i]
-    return numbers[0] if numbers else 0
 
 
 def read_history(ctx: Context, location: LocationRecord, chunk: int, start: int, stop: int) -> History:
@@ -94,9 +81,9 @@ def read_compacted(ctx: Context, location: LocationRecord, chunk: int, start: in
 
 def _held(location: LocationRecord, history: History, start: int, stop: int) -> History:
     """Samples [start, stop), a state held until the next measurement where the location says so."""
-    if location.hold_samples is not None:
-        history = history.window(history.start, max(history.stop, stop)).hold(location.hold_samples)
-    return history.window(start, stop)
+    if location.hold_samples is None:
+        return history.window(start, stop)
+    return history.held(start, stop, location.hold_samples)
 
 
 def read_cell(ctx: Context, location: LocationRecord, cell: int, start: int, stop: int) -> History:
@@ -178,27 +165,19 @@ def _segments(location: LocationRecord, start: int, stop: int) -> tuple[int, int
 def _assemble(ctx: Context, work: Work, location: LocationRecord, chunk: int, first: int, last: int) -> History:
     whole = History.empty(location.chunk_size(chunk), first * SEGMENT_SAMPLES, (last - first + 1) * SEGMENT_SAMPLES)
     for segment in _merged(ctx, work, location, chunk, first, last):
-        _lay(whole, segment)
+        lay(whole, segment)
     return whole
 
 
 def _merged(ctx: Context, work: Work, location: LocationRecord, chunk: int, first: int, last: int) -> Iterator[Segment]:
     """The segments of a chunk with numbers in [first, last], what is not compacted yet in them; in no order."""
-    new = dict(by_segment(location, _tail(ctx, work, location, chunk)))
+    new = dict(by_segment(_tail(ctx, work, location, chunk), location.base))
     for number, segment in work.segments.of_chunk(location, chunk, first, last):
         yield merge(segment, new.pop(number, NOTHING), location.base, location.combine)
     for number, measured in new.items():
         if first <= number <= last:
             empty = Segment.empty(location.chunk_size(chunk), number)
             yield merge(empty, measured, location.base, location.combine)
-
-
-def _lay(whole: History, segment: Segment) -> None:
-    """In place: the planes of a segment where they belong."""
-    first = (segment.history.start - whole.start) // 8
-    part = slice(first, first + SEGMENT_SAMPLES // 8)
-    whole.observed[:, part] = segment.history.observed
-    whole.occupied[:, part] = segment.history.occupied
 
 
 def _tail(ctx: Context, work: Work, location: LocationRecord, chunk: int) -> Measurements:
@@ -258,30 +237,3 @@ def _read_chunk(work: Work, location: LocationRecord, chunk: int) -> Tail:
 def _report(ctx: Context, location: LocationRecord, tail: Tail) -> None:
     for error in tail.damage.values():
         ctx.damage.found(location.id, error)
-
-
-def by_chunk(part: Measurements) -> Measurements:
-    """The same sorted by chunk and within it as they were; a single look is so already."""
-    chunks = part.cell // np.uint32(CHUNK_CELLS)
-    return part if (chunks[1:] >= chunks[:-1]).all() else part.select(np.argsort(chunks, kind="stable"))
-
-
-def of_chunk(sorted_: Measurements, chunk: int) -> Measurements:
-    """Those of one chunk, their cells counted from its first."""
-    first = chunk * CHUNK_CELLS
-    # The cells are not sorted, but on which side of a chunk's border they lie is. Numpy's search would let go of the
-    # interpreter, and wait for its turn again in every part of a long tail.
-    some = sorted_.select(slice(bisect_left(sorted_.cell, first), bisect_left(sorted_.cell, first + CHUNK_CELLS)))
-    return Measurements(some.time, some.cell - np.uint32(first), some.state)
-
-
-def by_segment(location: LocationRecord, measurements: Measurements) -> Iterator[tuple[int, Measurements]]:
-    """The measurements of each segment, by its number."""
-    if not len(measurements):
-        return
-    numbers = measurements.samples(location.base) // SEGMENT_SAMPLES
-    if numbers.min() == numbers.max():
-        yield int(numbers[0]), measurements
-        return
-    for number in np.unique(numbers).tolist():
-        yield number, measurements.select(numbers == number)

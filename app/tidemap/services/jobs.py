@@ -14,7 +14,7 @@ from tidemap.errors import (
     refuse_reversed,
 )
 from tidemap.events.messages import EventMessage
-from tidemap.schemas.scope import EVERYWHERE, Scope
+from tidemap.scope import EVERYWHERE, Scope
 from tidemap.services.context import Context
 from tidemap.services.update import UpdateRequest, run_update
 from tidemap.services.update_task import Executor

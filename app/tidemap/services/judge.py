@@ -37,7 +37,7 @@ def judge(location: LocationRecord, spectrum: Spectrum, measurements: Measuremen
     """The events among new measurements, in order, judged by rule `surprise` at the location's confidence."""
     criterion = Criterion(location.confidence, "surprise", location.revision)
     if len(measurements.heads) == 1 and location.n_cells > 1:
-        marks = _marks_of_look(location, spectrum, measurements)
+        marks = _marks_of_snapshot(location, spectrum, measurements)
     else:
         sample, standing = _standing(location, measurements)
         rows, probability = _surprising(location, spectrum, sample, standing)
@@ -45,16 +45,16 @@ def judge(location: LocationRecord, spectrum: Spectrum, measurements: Measuremen
     return group(location, marks, criterion)
 
 
-def _marks_of_look(location: LocationRecord, spectrum: Spectrum, look: Measurements) -> Marks:
+def _marks_of_snapshot(location: LocationRecord, spectrum: Spectrum, snapshot: Measurements) -> Marks:
     """Those among measurements of one time."""
-    sample = location.base.sample(look.time[:1])
+    sample = location.base.sample(snapshot.time[:1])
     rows, probability = surprising(
-        spectrum, float(location.base.time(sample[0])), look.cell, look.state, location.confidence
+        spectrum, float(location.base.time(sample[0])), snapshot.cell, snapshot.state, location.confidence
     )
-    cell = look.cell[rows].astype(np.int64)
+    cell = snapshot.cell[rows].astype(np.int64)
     fresh = np.diff(cell, prepend=-1) != 0
     rows = rows[fresh]
-    return Marks(np.repeat(sample, len(rows)), cell[fresh], look.state[rows], probability[fresh])
+    return Marks(np.repeat(sample, len(rows)), cell[fresh], snapshot.state[rows], probability[fresh])
 
 
 def _standing(location: LocationRecord, measurements: Measurements) -> tuple[NDArray[np.int64], Measurements]:

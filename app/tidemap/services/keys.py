@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 from typing import Literal, get_args
 
 from tidemap.errors import BusyError, InvalidInputError, KeyNotFoundError, UnauthorizedError
-from tidemap.schemas.scope import EVERYWHERE, Scope
+from tidemap.scope import EVERYWHERE, Scope
 from tidemap.services.context import Context
 from tidemap.storage.records import KeyRecord
 from tidemap.storage.work import Work

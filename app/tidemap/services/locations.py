@@ -1,14 +1,55 @@
 """Making, changing, listing and deleting locations."""
 
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import TypedDict
 
 from tidemap.errors import InvalidInputError
-from tidemap.schemas.locations import LocationForm, LocationPatch
-from tidemap.schemas.scope import EVERYWHERE, Scope
+from tidemap.scope import EVERYWHERE, Scope
 from tidemap.services.context import Context
-from tidemap.storage.records import LocationRecord, RevisionRecord
+from tidemap.space.grid import GridGeometry
+from tidemap.space.pose import FramedPosition
+from tidemap.spectral.civil import knows_calendar
+from tidemap.storage.records import LocationRecord, RevisionRecord, text_of
 from tidemap.storage.work import Work
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NewLocation:
+    """What a location is made with, named as in its record. `order` None means that `auto` chooses it."""
+
+    name: str
+    interval_s: float
+    kind: str = "state"
+    time_zone: str = "UTC"
+    epoch: float = 0.0
+    grid: GridGeometry | None = None
+    estimator: str = "auto"
+    order: int | None = None
+    confidence: float = 0.9
+    missing: str = "mask"
+    hold_s: float | None = None
+    combine: str = "latest"
+    retention_s: float | None = None
+    min_cells: int = 1
+    calendar: str | None = None
+    pose: FramedPosition | None = None
+
+
+class LocationChanges(TypedDict, total=False):
+    """What is to be changed of a location, named as in its record; what is left out stays."""
+
+    name: str
+    time_zone: str
+    estimator: str
+    order: int | None
+    confidence: float
+    missing: str
+    hold_s: float | None
+    combine: str
+    retention_s: float | None
+    min_cells: int
+    calendar: str | None
+    pose: FramedPosition | None
 
 
 @dataclass(frozen=True)
@@ -20,44 +61,34 @@ class LocationSummary(LocationRecord):
     open_anomalies: int
 
 
-def create_location(ctx: Context, form: LocationForm) -> LocationSummary:
+def create_location(ctx: Context, new: NewLocation) -> LocationSummary:
     """Raises LocationExistsError, InvalidInputError."""
-    n_cells = form.grid.n_cells if form.grid else 1
+    n_cells = new.grid.n_cells if new.grid else 1
     if n_cells > ctx.settings.max_cells:
         raise InvalidInputError.at(
             "grid.shape",
             f"{n_cells} cells are more than this server's {ctx.settings.max_cells}; use several locations",
         )
-    values = form.model_dump(exclude={"grid", "retention", "order"})
-    values |= {
-        "order": None if form.order == "auto" else form.order,
-        "retention_s": form.retention,
-        "grid": form.grid.model_dump_json() if form.grid else None,
-        "created_at": ctx.clock(),
-    }
+    _check_calendar(new.calendar)
+    values = {each.name: getattr(new, each.name) for each in fields(new)}
+    values |= {"grid": text_of(new.grid), "pose": text_of(new.pose), "created_at": ctx.clock()}
     record = ctx.store.write(lambda work: work.locations.create(values))
     return _summary(record, None, 0)
 
 
-def change_location(ctx: Context, name: str, form: LocationPatch) -> LocationSummary:
-    """Change what the form names. Raises LocationNotFoundError, LocationExistsError, InvalidInputError."""
-    values: dict[str, Any] = form.model_dump(exclude_unset=True)
-    for field in ("name", "time_zone", "estimator", "order", "confidence", "missing", "combine", "min_cells"):
-        if field in values and values[field] is None:
-            raise InvalidInputError.at(field, "null is no value here; leave the field out to keep it as it is")
-    if values.get("order") == "auto":
-        values["order"] = None
-    if "retention" in values:
-        values["retention_s"] = values.pop("retention")
+def change_location(ctx: Context, name: str, changes: LocationChanges) -> LocationSummary:
+    """Raises LocationNotFoundError, LocationExistsError, InvalidInputError."""
+    _check_calendar(changes.get("calendar"))
+    values = {**changes, **({"pose": text_of(changes["pose"])} if "pose" in changes else {})}
 
     def change(work: Work) -> None:
-        _refuse_recombining(work.locations.get(name), values.get("combine"))
+        _refuse_recombining(work.locations.get(name), changes.get("combine"))
         record = work.locations.change(name, values)
         if record.missing == "hold" and record.hold_s is None:
             raise InvalidInputError.at("hold_s", "`missing` = 'hold' needs the seconds a state stands at most")
 
     ctx.store.write(change, lambda _: ctx.caches.locations.forget())
-    return get_location(ctx, values.get("name", name))
+    return get_location(ctx, changes.get("name", name))
 
 
 def _refuse_recombining(record: LocationRecord, combine: str | None) -> None:
@@ -67,6 +98,13 @@ def _refuse_recombining(record: LocationRecord, combine: str | None) -> None:
             "combine",
             f"the observations of this location are combined by {record.combine!r}, which cannot be taken apart again; "
             "make a new location, or delete its observations first",
+        )
+
+
+def _check_calendar(code: str | None) -> None:
+    if code is not None and not knows_calendar(code):
+        raise InvalidInputError.at(
+            "calendar", f"there are no public holidays of {code!r} here; use an ISO 3166 code such as GB or DE-BY"
         )
 
 

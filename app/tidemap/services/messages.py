@@ -1,16 +1,14 @@
-"""Messages of the bus as services make them, and those that somebody has missed."""
+"""Messages of stored events, and those that somebody has missed."""
 
 from dataclasses import fields
 from typing import Any
 
 from tidemap.events.messages import EventMessage
 from tidemap.events.subscription import EventFilter
-from tidemap.schemas.common import iso
 from tidemap.services.anomalies import Anomaly, EventQuery, list_events
 from tidemap.services.context import Context
 from tidemap.services.listing import shortened
 
-TIMES = ("start", "stop", "acknowledged_at")
 HIDDEN = ("location_id", "damage")
 
 
@@ -36,5 +34,4 @@ def missed_anomalies(ctx: Context, wanted: EventFilter, after: int, limit: int) 
 
 def _data(event: Anomaly) -> dict[str, Any]:
     values = {each.name: getattr(event, each.name) for each in fields(event) if each.name not in HIDDEN}
-    times = {name: None if values[name] is None else iso(values[name]) for name in TIMES}
-    return values | times | {"cells": event.cells.tolist(), "bbox": event.bbox and list(event.bbox)}
+    return values | {"cells": event.cells.tolist(), "bbox": event.bbox and list(event.bbox)}

@@ -12,6 +12,7 @@ from tidemap.services.context import Context
 from tidemap.services.history import read_cell, window
 from tidemap.services.predict import check_cell
 from tidemap.services.spectra import fitted
+from tidemap.spectral.evaluation import accuracy
 from tidemap.spectral.outliers import Outliers, count, find_outliers
 from tidemap.spectral.spectrum import Spectrum, select
 from tidemap.storage.records import LocationRecord, RevisionRecord
@@ -71,14 +72,13 @@ def model_of(ctx: Context, name: str, cell: int = 0, order: int | None = None) -
     history = read_cell(ctx, location, cell, *window(ctx, location))
     spectrum = select(fit.spectrum, np.array([cell]))
     outliers = find_outliers(spectrum, history, location.base)
-    observed = int(history.count_observed()[0])
     return CellModel(
         cell=cell,
         location=location,
         revision=fit.revision,
         spectrum=spectrum,
         outliers=location.base.time(np.stack([outliers.start, outliers.stop], axis=1)),
-        accuracy=1 - int(count(outliers)[0]) / observed if observed else None,
+        accuracy=accuracy(int(count(outliers)[0]), int(history.count_observed()[0])),
         cost=_cost(history, spectrum, outliers),
     )
 

@@ -15,7 +15,6 @@ from tidemap.history.combining import ANY
 from tidemap.history.history import OCCUPIED
 from tidemap.history.measurements import Measurements
 from tidemap.ingest.observation import Target, checked
-from tidemap.schemas.common import FARTHEST_S
 from tidemap.services.context import Context
 from tidemap.services.judge import judge
 from tidemap.services.keys import confirm
@@ -26,7 +25,7 @@ from tidemap.services.spectra import fitted, held
 from tidemap.storage.blobs import pack_measurements
 from tidemap.storage.records import AnomalyRecord, LocationRecord, ObservationRecord
 
-QUICK_BYTES, QUICK_LOOKS = 4 << 20, 16
+QUICK_BYTES, QUICK_SNAPSHOTS = 4 << 20, 16
 """What a post takes at most that is parsed and judged between commits: memory, and moments in it. Some milliseconds."""
 
 
@@ -85,7 +84,7 @@ def _can_judge(ctx: Context, location: LocationRecord) -> bool:
 def _quick_entry(ctx: Context, name: str, post: Post) -> Entry:
     """A post, parsed and judged. Raises NotQuickError, and as `observe`."""
     location, measurements = parsed(ctx, name, post)
-    if len(measurements.heads) > QUICK_LOOKS or not _can_judge(ctx, location):
+    if len(measurements.heads) > QUICK_SNAPSHOTS or not _can_judge(ctx, location):
         raise NotQuickError
     return judged(ctx, post, location, measurements)
 
@@ -94,10 +93,9 @@ def parsed(ctx: Context, name: str, post: Post) -> tuple[LocationRecord, Measure
     """The location of a post and its measurements. Raises as `observe`."""
     try:
         location = ctx.caches.locations.get(name, partial(find_location, ctx))
-        columns = registry.read(post.body, location.kind, location.cells)
+        columns = registry.read(post.body, location.cells)
         now, settings = ctx.clock(), ctx.settings
-        earliest = max(now - settings.past_s, -FARTHEST_S)
-        return location, checked(columns, Target(location.cells, earliest, now + settings.future_s))
+        return location, checked(columns, Target(location.cells, now - settings.past_s, now + settings.future_s))
     except DomainError:
         _refuse(ctx, name, post)
         raise
@@ -155,10 +153,10 @@ def _events(
             # Another one took its name meanwhile: this post was for one that is gone, as its storing will find.
             return location, []
         location, spectrum = fit.location, fit.spectrum
-    return location, judge(location, spectrum, _telling(location, measurements))
+    return location, judge(location, spectrum, _decisive(location, measurements))
 
 
-def _telling(location: LocationRecord, measurements: Measurements) -> Measurements:
+def _decisive(location: LocationRecord, measurements: Measurements) -> Measurements:
     """Those that say by themselves what the state of a sample is; for `any` a free one does not."""
     return measurements if location.combine != ANY else measurements.select(measurements.state == OCCUPIED)
 

@@ -7,11 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.errors import CorruptChunkError
+from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.history import NEVER, UNOBSERVED
 from tidemap.history.runs import LatestRuns
 from tidemap.services.context import Context
 from tidemap.services.history import read_backwards, read_times
-from tidemap.storage.records import CHUNK_CELLS, LocationRecord
+from tidemap.storage.records import LocationRecord
 
 
 @dataclass(frozen=True, slots=True, eq=False)

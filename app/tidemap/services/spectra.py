@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tidemap.errors import CorruptChunkError, NoModelError
+from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.services.context import Context, Loaded
 from tidemap.services.history import read_history, window
 from tidemap.services.keys import Claim, confirm
 from tidemap.spectral.model import fit_part
 from tidemap.spectral.recipe import ORDER, Recipe
 from tidemap.spectral.spectrum import Spectrum, blank, concatenate, truncate
-from tidemap.storage.records import CHUNK_CELLS, LocationRecord, RevisionRecord
+from tidemap.storage.records import LocationRecord, RevisionRecord
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,10 +109,11 @@ def _wanted(
 def recipe_for(location: LocationRecord, revision: RevisionRecord, estimator: str, order: int | None) -> Recipe:
     """How to fit a location by some estimator: as its revision does where that has the same."""
     if estimator == "static":
-        return Recipe(estimator, 0, location.time_zone)
+        return Recipe(estimator, 0, location.time_zone, calendar=location.calendar)
     if estimator == revision.estimator:
         return revision.recipe if order is None else replace(revision.recipe, order=order)
-    return Recipe(estimator, DEFAULT_ORDER[estimator] if order is None else order, location.time_zone)
+    order = DEFAULT_ORDER[estimator] if order is None else order
+    return Recipe(estimator, order, location.time_zone, calendar=location.calendar)
 
 
 DEFAULT_ORDER = {"fft": 3, "calendar": ORDER}

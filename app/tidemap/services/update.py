@@ -16,6 +16,7 @@ from tidemap.services.history import read_compacted, window
 from tidemap.services.update_task import ChunkFit, Executor, Plan, UpdateTask, run_task
 from tidemap.spectral.auto.selection import Choice, choose
 from tidemap.spectral.conditioning import Persistence
+from tidemap.spectral.evaluation import accuracy
 from tidemap.spectral.model import fit_part
 from tidemap.spectral.persistence import learn_persistence
 from tidemap.spectral.window import PAUSE_S, fft_window
@@ -63,7 +64,8 @@ def run_update(
     progress(0.1)
     plan, tried = _plan(ctx, location, request, executor.check)
     fits = _fit_chunks(ctx, plan, executor, progress)
-    record = _revision(ctx, plan, tried, _accuracy(fits), _persistence(ctx, plan, executor.check))
+    fitted_share = accuracy(sum(fit.outliers for fit in fits), sum(fit.observed for fit in fits))
+    record = _revision(ctx, plan, tried, fitted_share, _persistence(ctx, plan, executor.check))
 
     def publish(work: Work) -> None:
         work.spectra.publish(record)
@@ -91,12 +93,6 @@ def _fit_chunks(ctx: Context, plan: Plan, executor: Executor, progress: Callable
     if not damage:
         ctx.damage.forget(plan.location.id)
     return fits
-
-
-def _accuracy(fits: list[ChunkFit]) -> float | None:
-    """The share of observed samples that are no outliers; None where nothing was observed."""
-    observed = sum(fit.observed for fit in fits)
-    return 1 - sum(fit.outliers for fit in fits) / observed if observed else None
 
 
 def _plan(
@@ -160,12 +156,13 @@ def _select(
     estimator = request.estimator or location.estimator
     order = request.order if request.order is not None else (location.order or "auto")
     if estimator == "static":
-        return Choice(estimator, 0, (), "", 0, location.time_zone)
+        return Choice(estimator, 0, (), "", 0, location.time_zone, calendar=location.calendar)
     if estimator == "fft" and isinstance(order, int):
-        return Choice(estimator, order, (), "", 0, location.time_zone)
+        return Choice(estimator, order, (), "", 0, location.time_zone, calendar=location.calendar)
     orders = ORDERS if order == "auto" else (int(order),)
     sampled = _sample_cells(ctx, location, samples, check, SELECTION_CELLS)
-    return choose(sampled, location.base, orders, SELECTION_CELLS, location.time_zone, estimator, check)
+    zone = (location.time_zone, estimator, check, location.calendar)
+    return choose(sampled, location.base, orders, SELECTION_CELLS, *zone)
 
 
 def _sample_cells(
@@ -176,16 +173,10 @@ def _sample_cells(
     n_chunks = min(location.n_chunks, n_cells)
     parts = [History.empty(0, samples[0], samples[1] - samples[0])]
     for history in _sample_chunks(ctx, location, samples, check, n_chunks):
-        occupied = history.count_occupied()
-        changing = np.flatnonzero((occupied > 0) & (occupied < history.count_observed()))
+        changing = history.changing()
         step = max(1, len(changing) * n_chunks // (4 * n_cells))
         parts.append(history.cells(changing[::step]))
-    return History(
-        samples[0],
-        samples[1] - samples[0],
-        np.concatenate([part.observed for part in parts]),
-        np.concatenate([part.occupied for part in parts]),
-    )
+    return History.stack(parts)
 
 
 def _seen(
@@ -221,13 +212,13 @@ def _revision(
         measurements=plan.location.observations,
         accuracy=accuracy,
         updated_at=ctx.clock(),
-        selection=None if tried is None else _wire(tried),
+        selection=None if tried is None else _stored(tried),
         persistence=persistence,
     )
 
 
-def _wire(selection: Choice) -> dict[str, Any]:
-    """The choice as the API shows it."""
+def _stored(selection: Choice) -> dict[str, Any]:
+    """The choice as it is kept; a score that is no number is null."""
     rows = [asdict(row) for row in selection.table]
     for row in rows:
         row.update({name: None for name in ("error", "brier", "log_loss") if row[name] != row[name]})

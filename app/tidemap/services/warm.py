@@ -36,9 +36,9 @@ def warm() -> None:
 
 
 def _post() -> None:
-    look = sort_snapshot(np.zeros(1), np.zeros(1, np.uint32), np.zeros(1, np.uint8), (0.0, 1.0), 1)
-    if look is not None:
-        unpack_measurements(pack_measurements(look), "a look")
+    snapshot = sort_snapshot(np.zeros(1), np.zeros(1, np.uint32), np.zeros(1, np.uint8), (0.0, 1.0), 1)
+    if snapshot is not None:
+        unpack_measurements(pack_measurements(snapshot), "a snapshot")
     zero = np.zeros(1, np.int64)
     label_regions(GridGeometry("", (0.0, 0.0, 0.0), 1.0, (1,)), zero, zero, np.zeros(1, np.uint8))
 
@@ -101,3 +101,7 @@ def _read_only(array: NDArray[Any]) -> NDArray[Any]:
     copy = array.copy()
     copy.flags.writeable = False
     return copy
+
+
+if __name__ == "__main__":
+    warm()

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from tidemap.errors import TooManyWebhooksError
-from tidemap.schemas.scope import Scope
+from tidemap.scope import Scope
 from tidemap.services.context import Context
 from tidemap.services.destinations import check_destination
 from tidemap.services.signing import new_salt, prepare_signer, shown_secret

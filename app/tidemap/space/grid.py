@@ -2,11 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import Enum, auto
 from functools import cached_property
 from itertools import product
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+
+class Extent(Enum):
+    """How the cells of a location lie. A plane is no volume of one layer: it is drawn from above."""
+
+    SINGLE = auto()
+    PLANE = auto()
+    VOLUME = auto()
 
 
 def three_axes(shape: Sequence[int]) -> tuple[int, int, int]:
@@ -42,6 +51,11 @@ class GridGeometry:
     def n_cells(self) -> int:
         """Number of cells."""
         return int(np.prod(self.shape, dtype=np.int64))
+
+    @property
+    def is_single(self) -> bool:
+        """Whether it is no grid but one cell, which nobody has to name."""
+        return len(self.shape) == 1
 
     @property
     def shape3(self) -> tuple[int, int, int]:
@@ -81,7 +95,7 @@ class GridGeometry:
 
 
 SINGLE = GridGeometry("", (0.0, 0.0, 0.0), 1.0, (1,))
-"""The grid of a location of kind `state`: one cell."""
+"""The one cell of a location without a grid."""
 
 NEIGHBOURS = tuple(step for step in product((-1, 0, 1), repeat=3) if step > (0, 0, 0))
 """Half of the 26 neighbours of a cell; the other half are their opposites."""

@@ -1,17 +1,23 @@
 """Evaluation: how good probabilities were, against what was then observed."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tidemap.history.history import UNOBSERVED
+from tidemap.spectral.prediction import predict_times
+from tidemap.spectral.spectrum import Spectrum
 
 LOG_LOSS_FLOOR = 1e-3
 """Probabilities are clipped to [1e-3, 1 - 1e-3] for the log loss: one wrong certainty costs 6.9 nats."""
 
 BINS = 10
 """Bins of a reliability table."""
+
+BLOCK_VALUES = 1 << 19
+"""Predictions that are made and scored at once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +66,23 @@ class ScoreSums:
             self._table[row] += np.bincount(location, weights, self._bins)
         self.n += p.size
 
+    def add_predicted(
+        self,
+        spectrum: Spectrum,
+        time: NDArray[np.float64],
+        states: NDArray[np.uint8],
+        check: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Add what a spectrum predicts for `time` (n_times,) and what was seen then, states (n_cells, n_times).
+
+        Block by block of times; `check` is called before each, what it raises ends the scoring.
+        """
+        step = max(1, BLOCK_VALUES // len(states))
+        for first in range(0, len(time), step):
+            check()
+            part = slice(first, first + step)
+            self.add(predict_times(spectrum, time[part]), states[:, part])
+
     def scores(self) -> Scores:
         """The scores of all parts; all NaN where nothing was scored."""
         error, brier, log_loss = (self._sums / self.n if self.n else np.full(3, np.nan)).tolist()
@@ -101,6 +124,11 @@ def reliability(probability: ArrayLike, state: ArrayLike, bins: int = BINS) -> R
     tally = ScoreSums(bins=bins)
     tally.add(probability, state)
     return tally.reliability()
+
+
+def accuracy(outliers: int, observed: int) -> float | None:
+    """The share of observed samples that are no outliers; None where nothing was observed."""
+    return 1 - outliers / observed if observed else None
 
 
 def expected_calibration_error(table: Reliability) -> float:

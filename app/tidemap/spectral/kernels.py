@@ -162,8 +162,8 @@ def add_waves_over_time(
         for column in range(index.shape[1]):
             wave, value = index[row, column], coefficient[row, column]
             for time in range(out.shape[1]):
-                turn = phasor[wave, time]
-                out[cell[row], time] += value.real * turn.real - value.imag * turn.imag
+                factor = phasor[wave, time]
+                out[cell[row], time] += value.real * factor.real - value.imag * factor.imag
 
 
 @kernel
@@ -177,11 +177,11 @@ def unit_phasors(frequency: NDArray[np.float64], time: NDArray[np.float64], out:
 
 
 @kernel
-def complex_product(value: Any, turn: Any) -> Any:
-    """The real and the negated imaginary part of value · turn."""
+def complex_product(value: Any, factor: Any) -> Any:
+    """The real and the negated imaginary part of value · factor."""
     return (
-        value.real * turn.real - value.imag * turn.imag,
-        -(value.real * turn.imag + value.imag * turn.real),
+        value.real * factor.real - value.imag * factor.imag,
+        -(value.real * factor.imag + value.imag * factor.real),
     )
 
 

@@ -38,9 +38,9 @@ def predicted_words(spectrum: Spectrum, base: TimeBase, start: int, stop: int) -
 def _fill_uniform(spectrum: Spectrum, base: TimeBase, first: int, threshold: float, words: NDArray[np.uint64]) -> None:
     """τ advances evenly: two small tables, of the middles of the blocks and of the way from there."""
     away = np.arange(0.5, WORD // 2) * base.interval_s
-    turn = np.empty((spectrum.n_waves, away.size), np.complex64)
-    kernels.unit_phasors(spectrum.frequency_hz, away, turn)
-    offset = np.concatenate((turn.real, turn.imag), axis=1)
+    phasor = np.empty((spectrum.n_waves, away.size), np.complex64)
+    kernels.unit_phasors(spectrum.frequency_hz, away, phasor)
+    offset = np.concatenate((phasor.real, phasor.imag), axis=1)
     step = max(1, TABLE_SIZE // spectrum.n_waves)
     for block in range(0, words.shape[1], step):
         part = np.ascontiguousarray(words[:, block : block + step])

@@ -53,7 +53,10 @@ def fill_weekly(spectrum: Spectrum, base: TimeBase, week: Clock, first: int, thr
     block = first + np.arange(words.shape[1])
     begins, ends = (tau(spectrum, base.time(block * WORD + at)) for at in (0, WORD - 1))
     step = week.step(begins)
-    odd = np.flatnonzero(np.abs(ends - begins - (WORD - 1) * base.interval_s) > NEAR)
+    span_s = (WORD - 1) * base.interval_s
+    # A block that is longer than a day may hold a holiday that neither of its ends shows.
+    hidden = spectrum.calendar is not None and span_s >= DAY_S
+    odd = np.flatnonzero((np.abs(ends - begins - span_s) > NEAR) | hidden)
     samples = (block[odd, np.newaxis] * WORD + np.arange(WORD)).ravel()
     single = week.step(tau(spectrum, base.time(samples)))
     reached = np.concatenate((step // WORD, (step + WORD - 1) // WORD, single // WORD))
@@ -71,9 +74,9 @@ def _blocks_of_week(spectrum: Spectrum, week: Clock, used: NDArray[np.int64], th
     """The blocks `used` of the week for every cell with waves, (n_varying, used.size)."""
     rows, mean = np.arange(spectrum.cell.size, dtype=np.int32), spectrum.mean[spectrum.cell]
     away = np.arange(0.5, WORD // 2) * week.interval_s
-    turn = np.empty((spectrum.n_waves, away.size), np.complex64)
-    kernels.unit_phasors(spectrum.frequency_hz, away, turn)
-    offset = np.concatenate((turn.real, turn.imag), axis=1)
+    phasor = np.empty((spectrum.n_waves, away.size), np.complex64)
+    kernels.unit_phasors(spectrum.frequency_hz, away, phasor)
+    offset = np.concatenate((phasor.real, phasor.imag), axis=1)
     begins = np.asarray(week.phase_s + used * (WORD * week.interval_s), np.float64)
     table = np.zeros((rows.size, used.size), np.uint64)
     span = (WORD - 1) * week.interval_s

@@ -6,10 +6,20 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from tidemap.history.timebase import TimeBase
+
 DAY_S = 86_400.0
 DAYS_A_WEEK = 7
 PAUSE_S: Final = DAYS_A_WEEK * DAY_S
 """Shorter pauses are part of a rhythm."""
+
+
+def chosen_window(
+    base: TimeBase, known: tuple[int, int], own: tuple[int, int], times: tuple[float | None, float | None]
+) -> tuple[int, int]:
+    """The samples from one time to another, as far as they are known; for a time that is None the end of `own`."""
+    first, last = base.clamp(known, *times)
+    return own[0] if times[0] is None else first, own[1] if times[1] is None else last
 
 
 def fft_window(seen: NDArray[np.int64], start: int, stop: int, interval_s: float) -> tuple[int, int]:

@@ -25,8 +25,8 @@ LINE = 2
 def pack_measurements(measurements: Measurements) -> bytes:
     """Times as runs of equal times, cells as steps from the first of their run, states as bits.
 
-    Any order comes back as it was; in order (`Measurements.in_order`) the steps are small and so is the blob. Of a look
-    that saw most cells of some part, which they are, in bits.
+    Any order comes back as it was; in order (`Measurements.in_order`) the steps are small and so is the blob. Of a
+    snapshot that saw most cells of some part, which they are, in bits.
     """
     heads, cell = measurements.heads, measurements.cell
     columns: dict[str, NDArray[np.generic]] = {
@@ -88,6 +88,7 @@ def pack_spectrum(spectrum: Spectrum) -> bytes:
             "link": np.array(spectrum.link.encode()),
             "origin_s": np.array(spectrum.origin_s),
             "time_zone": np.array((spectrum.time_zone or "").encode()),
+            **({"calendar": np.array(spectrum.calendar.encode())} if spectrum.calendar else {}),
             **{name: getattr(spectrum, name) for name in _SPECTRUM},
         },
         SMALL,
@@ -103,6 +104,7 @@ def unpack_spectrum(blob: bytes, what: str, base: TimeBase) -> Spectrum:
         time_zone=columns["time_zone"].item().decode() or None,
         **{name: columns[name] for name in _SPECTRUM},
         base=base,
+        calendar=columns["calendar"].item().decode() if "calendar" in columns else None,
     )
 
 

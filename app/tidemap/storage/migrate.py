@@ -12,12 +12,12 @@ from sqlalchemy import Connection
 from tidemap.errors import SchemaVersionError
 
 
-def migrate(connection: Connection) -> None:
-    """Run the migrations that `connection`'s database lacks, in the transaction it is in."""
+def migrate(connection: Connection, version: str = "head") -> None:
+    """Run the migrations that `connection`'s database lacks up to a schema version, in the transaction it is in."""
     config = _config()
     config.attributes["connection"] = connection
     _check_known(connection, config)
-    command.upgrade(config, "head")
+    command.upgrade(config, version)
 
 
 def check_version(connection: Connection) -> None:

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -11,14 +11,22 @@ from numpy.typing import NDArray
 from sqlalchemy import RowMapping
 
 from tidemap.errors import CorruptChunkError
+from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.timebase import TimeBase
-from tidemap.schemas.scope import EVERYWHERE, Scope
-from tidemap.space.grid import SINGLE, GridGeometry
+from tidemap.history.values import ValueKind
+from tidemap.scope import EVERYWHERE, Scope
+from tidemap.space.grid import SINGLE, Extent, GridGeometry
+from tidemap.space.pose import FramedPosition
 from tidemap.spectral.conditioning import UNLEARNED, Persistence
 from tidemap.spectral.recipe import Recipe
 from tidemap.storage.blobs import unpack_json
 
-CHUNK_CELLS = 1024
+KINDS = {
+    "state": (Extent.SINGLE, ValueKind.STATE),
+    "grid2d": (Extent.PLANE, ValueKind.STATE),
+    "grid3d": (Extent.VOLUME, ValueKind.STATE),
+}
+"""What a location's `kind` says of how its cells lie, and of what they hold."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +48,8 @@ class LocationRecord:
     combine: str
     retention_s: float | None
     min_cells: int
+    calendar: str | None
+    pose: FramedPosition | None
     created_at: float
     observation_seq: int
     compacted_seq: int
@@ -52,7 +62,23 @@ class LocationRecord:
     @classmethod
     def of(cls, row: RowMapping) -> "LocationRecord":
         """From a row of the table."""
-        return cls(**{**row, "grid": grid_of(row["grid"])})
+        return cls(**{**row, "grid": grid_of(row["grid"]), "pose": position_of(row["pose"])})
+
+    @property
+    def extent(self) -> Extent:
+        """How its cells lie. Raises ValueError for a kind that is not known."""
+        return self._meaning[0]
+
+    @property
+    def value(self) -> ValueKind:
+        """What its cells hold. Raises ValueError for a kind that is not known."""
+        return self._meaning[1]
+
+    @property
+    def _meaning(self) -> tuple[Extent, ValueKind]:
+        if self.kind not in KINDS:
+            raise ValueError(f"{self.kind!r} is no kind of location")
+        return KINDS[self.kind]
 
     @cached_property
     def base(self) -> TimeBase:
@@ -61,7 +87,7 @@ class LocationRecord:
 
     @cached_property
     def cells(self) -> GridGeometry:
-        """Its grid; that of a `state` has one cell."""
+        """Its grid; without one, its one cell."""
         return self.grid or SINGLE
 
     @property
@@ -105,6 +131,20 @@ def grid_of(text: str | None) -> GridGeometry | None:
         return None
     value = json.loads(text)
     return GridGeometry(value["frame"], tuple(value["origin"]), value["resolution_m"], tuple(value["shape"]))
+
+
+@lru_cache
+def position_of(text: str | None) -> FramedPosition | None:
+    """A position from its stored JSON."""
+    if text is None:
+        return None
+    value = json.loads(text)
+    return FramedPosition(value["frame"], tuple(value["position"]))
+
+
+def text_of(value: GridGeometry | FramedPosition | None) -> str | None:
+    """A grid or a position as the JSON that is stored of it."""
+    return None if value is None else json.dumps(asdict(value), separators=(",", ":"), ensure_ascii=False)
 
 
 @dataclass(frozen=True)

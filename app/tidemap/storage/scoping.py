@@ -4,7 +4,7 @@ from typing import Any
 
 from sqlalchemy import ColumnElement, false, func, or_, true
 
-from tidemap.schemas.scope import Scope
+from tidemap.scope import Scope
 
 
 def inside(name: ColumnElement[str], scope: Scope) -> ColumnElement[Any]:

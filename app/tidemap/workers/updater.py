@@ -73,7 +73,7 @@ class Updater:
         self._settled = None
         self._run_jobs(ctx, Limited(self._executor, term.check))
         if self._ctx.settings.updater and time.monotonic() - self._looked >= self._ctx.settings.updater_interval_s:
-            self._look_around(ctx)
+            self._find_work(ctx)
         self._settled = term
 
     def _run_jobs(self, ctx: Context, executor: Executor) -> None:
@@ -84,7 +84,7 @@ class Updater:
                 report(job.location_id)
             self._worker.check()
 
-    def _look_around(self, ctx: Context) -> None:
+    def _find_work(self, ctx: Context) -> None:
         self._looked = time.monotonic()
         with ctx.store.read() as work:
             locations, revisions = work.locations.list(), work.spectra.current()

@@ -13,14 +13,15 @@ from tests.bench.load import Target, floor_server, request
 from tests.bench.timing import Figure, quantile
 from tests.support.contexts import opened
 from tests.support.server import ServerProcess
+from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.timebase import TimeBase
 from tidemap.media_types import ARROW
-from tidemap.schemas.locations import Grid, LocationForm
 from tidemap.services.context import Context
-from tidemap.services.locations import create_location, find_location
+from tidemap.services.locations import NewLocation, create_location, find_location
+from tidemap.space.grid import GridGeometry
 from tidemap.spectral.recipe import Recipe
 from tidemap.spectral.spectrum import Spectrum
-from tidemap.storage.records import CHUNK_CELLS, RevisionRecord
+from tidemap.storage.records import RevisionRecord
 from tidemap.storage.work import Work
 
 NAME, SHAPE, EVERY, ORDER, WEEK_S = "hall", (200, 200, 25), 10, 15, 604_800.0
@@ -42,8 +43,8 @@ def measure(shape: tuple[int, ...] = SHAPE, questions: int = QUESTIONS) -> Figur
 
 def prepare(ctx: Context, shape: tuple[int, ...]) -> None:
     """A location with a revision: a tenth of its cells have 15 components of a week, the others a mean."""
-    grid = Grid(resolution_m=0.1, shape=list(shape))
-    create_location(ctx, LocationForm(name=NAME, kind="grid3d", interval_s=300.0, estimator="fft", order=15, grid=grid))
+    grid = GridGeometry("map", (0.0, 0.0, 0.0), 0.1, shape)
+    create_location(ctx, NewLocation(name=NAME, kind="grid3d", interval_s=300.0, estimator="fft", order=15, grid=grid))
     location = find_location(ctx, NAME)
     random = np.random.default_rng(2)
     for chunk, first in enumerate(range(0, prod(shape), CHUNK_CELLS)):

@@ -18,18 +18,18 @@ from tests.support.contexts import opened
 from tests.support.memory import memory_mb, peak_memory_mb
 from tests.support.server import ServerProcess
 from tidemap.client import Client, arrow
-from tidemap.client.encoding import look
+from tidemap.client.encoding import snapshot
 from tidemap.formats.registry import Body
+from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.segment import SEGMENT_SAMPLES, Segment
 from tidemap.media_types import ARROW
-from tidemap.schemas.locations import Grid, LocationForm
 from tidemap.services.context import Context
-from tidemap.services.locations import create_location, find_location
+from tidemap.services.locations import NewLocation, create_location, find_location
 from tidemap.services.observe import observe
 from tidemap.services.posts import Post
+from tidemap.space.grid import GridGeometry
 from tidemap.storage.blobs import pack_segment
 from tidemap.storage.codec import HEADERS
-from tidemap.storage.records import CHUNK_CELLS
 
 BY_NAME = True
 """Takes minutes."""
@@ -67,8 +67,8 @@ def measure(shape: tuple[int, int, int] = SHAPE) -> Figure:
 
 def prepare(ctx: Context, shape: tuple[int, int, int]) -> None:
     """Every chunk is whole and has the same history."""
-    grid = Grid(resolution_m=0.1, shape=list(shape))
-    form = LocationForm(name=NAME, kind="grid3d", interval_s=INTERVAL_S, epoch=0.0, grid=grid, estimator="calendar")
+    grid = GridGeometry("map", (0.0, 0.0, 0.0), 0.1, shape)
+    form = NewLocation(name=NAME, kind="grid3d", interval_s=INTERVAL_S, epoch=0.0, grid=grid, estimator="calendar")
     create_location(ctx, form)
     location = find_location(ctx, NAME)
     year = year_of_cells(CHUNK_CELLS)
@@ -80,7 +80,9 @@ def prepare(ctx: Context, shape: tuple[int, int, int]) -> None:
         some = {(chunk, number): blob for chunk in range(location.n_chunks)}
         ctx.store.write(partial(put, location, some))
     for time_s in (0.0, (year.n_samples - 1) * INTERVAL_S):
-        observe(ctx, NAME, Post(Body(arrow.write(look(time_s, np.zeros(0, np.uint32), np.array([1])).named()), ARROW)))
+        observe(
+            ctx, NAME, Post(Body(arrow.write(snapshot(time_s, np.zeros(0, np.uint32), np.array([1])).named()), ARROW))
+        )
 
 
 def read(path: Path) -> float:

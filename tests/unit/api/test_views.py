@@ -57,7 +57,8 @@ def test_an_event_has_all_of_its_cells_and_a_list_the_first(monkeypatch: pytest.
 def test_a_message_says_of_an_event_what_lists_do(event: Anomaly, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(listing, "MAX_CELLS", 2)
     message = anomaly_message(event, 1e9)
-    assert message.data == listed_view(event).model_dump(mode="json")
+    head = {"kind": "anomaly", "location": event.location, "id": event.id, "time": "2001-09-09T01:46:40Z"}
+    assert message.wire() == listed_view(event).model_dump(mode="json") | head
     assert (message.kind, message.location, message.id, message.time) == ("anomaly", event.location, event.id, 1e9)
 
 

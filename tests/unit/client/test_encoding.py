@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tidemap.client import arrow, npy
-from tidemap.client.encoding import PostedColumns, batches, look, measurements
+from tidemap.client.encoding import PostedColumns, batches, measurements, snapshot
 
 
 def joined(parts: list[PostedColumns]) -> tuple[list[float], list[int], list[int]]:
@@ -67,7 +67,7 @@ def test_cells_that_would_change_by_packing_are_refused(bad: list[float]) -> Non
 
 
 def test_a_look_marks_occupied_and_free() -> None:
-    columns = look(5, np.array([3, 4]), np.array([9]))
+    columns = snapshot(5, np.array([3, 4]), np.array([9]))
     assert columns.cell is not None
     assert dict(zip(columns.cell.tolist(), columns.state.tolist(), strict=True)) == {3: 1, 4: 1, 9: 0}
 

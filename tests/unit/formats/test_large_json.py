@@ -11,27 +11,27 @@ from hypothesis import strategies as st
 from tidemap.errors import DomainError, InvalidInputError, UnreadableBodyError
 from tidemap.formats.json_columns import large, small
 from tidemap.formats.json_columns import text as json_text
-from tidemap.space.grid import GridGeometry
+from tidemap.space.grid import SINGLE, GridGeometry
 
 GRID = GridGeometry("map", (0.0, 0.0, 0.0), 1.0, (4, 5))
 TIME = st.sampled_from([0, 1.5, -3, "2026-03-01T09:00:00Z", "17", 1e9])
 CELL = st.integers(-1, 25) | st.lists(st.integers(-1, 6), min_size=2, max_size=2)
-LOOK = st.fixed_dictionaries({"time": TIME}, optional={"occupied": st.lists(CELL), "free": st.lists(CELL)})
+OBSERVATION = st.fixed_dictionaries({"time": TIME}, optional={"occupied": st.lists(CELL), "free": st.lists(CELL)})
 
 
-def columns(read: Any, document: Any, kind: str, indent: int | None) -> Any:
+def columns(read: Any, document: Any, grid: GridGeometry, indent: int | None) -> Any:
     try:
-        found = read(json.dumps(document, indent=indent).encode(), kind, GRID)
+        found = read(json.dumps(document, indent=indent).encode(), grid)
     except DomainError as error:
         return type(error)
     return [each.tolist() for each in (found.time, np.asarray(found.cell), found.state)]
 
 
-def both(document: Any, kind: str, piece: int, indent: int | None) -> None:
+def both(document: Any, grid: GridGeometry, piece: int, indent: int | None) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(json_text, "PIECE_BYTES", piece)
-        read = columns(large.read, document, kind, indent)
-    assert read == columns(small.read, document, kind, indent)
+        read = columns(large.read, document, grid, indent)
+    assert read == columns(small.read, document, grid, indent)
 
 
 @given(
@@ -41,33 +41,38 @@ def both(document: Any, kind: str, piece: int, indent: int | None) -> None:
     indent=st.sampled_from([None, 1]),
 )
 def test_states_are_read_alike(time: list[Any], state: list[int], piece: int, indent: int | None) -> None:
-    both({"time": time, "state": state}, "state", piece, indent)
+    both({"time": time, "state": state}, SINGLE, piece, indent)
     n = min(len(time), len(state))
-    both({"time": time[:n], "state": state[:n]}, "state", piece, indent)
+    both({"time": time[:n], "state": state[:n]}, SINGLE, piece, indent)
 
 
-@given(looks=st.lists(LOOK, max_size=5), piece=st.integers(1, 40), indent=st.sampled_from([None, 1]))
-def test_looks_are_read_alike(looks: list[dict[str, Any]], piece: int, indent: int | None) -> None:
-    both({"observations": looks}, "grid2d", piece, indent)
+@given(observations=st.lists(OBSERVATION, max_size=5), piece=st.integers(1, 40), indent=st.sampled_from([None, 1]))
+def test_observations_are_read_alike(observations: list[dict[str, Any]], piece: int, indent: int | None) -> None:
+    both({"observations": observations}, GRID, piece, indent)
 
 
 @pytest.mark.parametrize(
-    ("content", "kind", "error", "says"),
+    ("content", "grid", "error", "says"),
     [
-        (b'{"time": [1], "state": [1], "sate": 1}', "state", InvalidInputError, "sate: this field is not known"),
-        (b'{"time": [1]}', "state", InvalidInputError, "state: this field is missing"),
-        (b'{"observations": [{"time": 1}, {"tiem": 1}]}', "grid2d", InvalidInputError, "observations[1].tiem"),
-        (b'{"observations": [{"time": 1}, {}]}', "grid2d", InvalidInputError, "observations[1].time"),
-        (b'{"observations": 1}', "grid2d", InvalidInputError, "observations: expected `array`"),
-        (b'{"time": [1, NaN], "state": [1, 1]}', "state", UnreadableBodyError, "no JSON"),
-        (b"[1]", "state", UnreadableBodyError, "no JSON object"),
-        (b'{"time": ["\xff"], "state": [1]}', "state", UnreadableBodyError, "no JSON"),
-        (b'{"observations": [%s]}' % b",".join([b'{"time":1}'] * 100_001), "grid2d", InvalidInputError, "100000 looks"),
+        (b'{"time": [1], "state": [1], "sate": 1}', SINGLE, InvalidInputError, "sate: this field is not known"),
+        (b'{"time": [1]}', SINGLE, InvalidInputError, "state: this field is missing"),
+        (b'{"observations": [{"time": 1}, {"tiem": 1}]}', GRID, InvalidInputError, "observations[1].tiem"),
+        (b'{"observations": [{"time": 1}, {}]}', GRID, InvalidInputError, "observations[1].time"),
+        (b'{"observations": 1}', GRID, InvalidInputError, "observations: expected `array`"),
+        (b'{"time": [1, NaN], "state": [1, 1]}', SINGLE, UnreadableBodyError, "no JSON"),
+        (b"[1]", SINGLE, UnreadableBodyError, "no JSON object"),
+        (b'{"time": ["\xff"], "state": [1]}', SINGLE, UnreadableBodyError, "no JSON"),
+        (
+            b'{"observations": [%s]}' % b",".join([b'{"time":1}'] * 100_001),
+            GRID,
+            InvalidInputError,
+            "100000 observations",
+        ),
     ],
 )
-def test_what_is_wrong_is_said(content: bytes, kind: str, error: type[DomainError], says: str) -> None:
+def test_what_is_wrong_is_said(content: bytes, grid: GridGeometry, error: type[DomainError], says: str) -> None:
     with pytest.raises(error) as raised:
-        large.read(content, kind, GRID)
+        large.read(content, grid)
     assert says in str(raised.value)
 
 
@@ -78,5 +83,5 @@ def test_a_wrong_item_is_named_by_its_place(monkeypatch: pytest.MonkeyPatch) -> 
         ({"time": [1] * 51, "state": [*[1] * 50, 0.5]}, "state[50]"),
     ):
         with pytest.raises(InvalidInputError) as raised:
-            large.read(json.dumps(document).encode(), "state", GRID)
+            large.read(json.dumps(document).encode(), SINGLE)
         assert location in str(raised.value)

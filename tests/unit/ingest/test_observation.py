@@ -19,9 +19,9 @@ from tidemap.space.grid import SINGLE, GridGeometry
 
 GRID = GridGeometry("map", (0.0, 0.0, 0.0), 0.1, (4, 3, 2))
 LATEST = 2e9
-STATE = Target("state", SINGLE, LATEST)
-SPACE = Target("grid3d", GRID, LATEST)
-FLAT = Target("grid2d", GridGeometry("map", (0.0, 0.0, 0.0), 0.1, (4, 3)), LATEST)
+STATE = Target(SINGLE, LATEST)
+SPACE = Target(GRID, LATEST)
+FLAT = Target(GridGeometry("map", (0.0, 0.0, 0.0), 0.1, (4, 3)), LATEST)
 
 
 def rows(measurements: Measurements) -> list[tuple[float, int, int]]:

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from tests.support.contexts import NOW, compact_now, history_of, make_location, opened, post_states, refit
+from tidemap.api.views.locations import location_changes
 from tidemap.errors import InvalidInputError
 from tidemap.schemas.locations import LocationPatch
 from tidemap.services.context import Context
 from tidemap.services.deletion import Deletion, delete_observations
-from tidemap.services.locations import change_location, get_location
+from tidemap.services.locations import LocationChanges, change_location, get_location
 from tidemap.services.predict import PredictQuery, predict_at
 
 HOUR, DAY = 3600.0, 86_400.0
@@ -68,16 +69,16 @@ def test_a_free_measurement_is_no_surprise_where_any_occupied_one_counts(ctx: Co
 
 def test_it_changes_only_while_nothing_has_been_combined(ctx: Context) -> None:
     make_location(ctx, "door")
-    assert change_location(ctx, "door", LocationPatch(combine="any")).combine == "any"
+    assert change_location(ctx, "door", LocationChanges(combine="any")).combine == "any"
     post_states(ctx, "door", [0.0, 10.0], [1, 0])
-    assert change_location(ctx, "door", LocationPatch(combine="any", confidence=0.8)).confidence == 0.8
+    assert change_location(ctx, "door", LocationChanges(combine="any", confidence=0.8)).confidence == 0.8
     with pytest.raises(InvalidInputError, match=r"combined by 'any', which cannot be taken apart"):
-        change_location(ctx, "door", LocationPatch(combine="majority", confidence=0.7))
+        change_location(ctx, "door", LocationChanges(combine="majority", confidence=0.7))
     assert (get_location(ctx, "door").combine, get_location(ctx, "door").confidence) == ("any", 0.8)
     delete_observations(ctx, "door", Deletion(0.0, 60.0))
-    assert change_location(ctx, "door", LocationPatch(combine="majority")).combine == "majority"
+    assert change_location(ctx, "door", LocationChanges(combine="majority")).combine == "majority"
     with pytest.raises(InvalidInputError, match="null is no value"):
-        change_location(ctx, "door", LocationPatch(combine=None))
+        change_location(ctx, "door", location_changes(LocationPatch(combine=None)))
 
 
 def test_locations_that_were_there_before_go_on_as_they_did(database_url: str) -> None:

@@ -4,9 +4,8 @@ import tracemalloc
 
 import numpy as np
 
+from tidemap.history.chunks import CHUNK_CELLS, split
 from tidemap.history.measurements import Measurements
-from tidemap.services.compaction import split
-from tidemap.storage.records import CHUNK_CELLS
 
 CHUNKS, POSTS = 64, 200
 MAX_BYTES = 250

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from tests.support.contexts import NOW, make_location, opened, post_states, refit
+from tidemap.api.views.locations import location_changes
 from tidemap.errors import InvalidInputError, LocationExistsError, LocationNotFoundError
 from tidemap.schemas.locations import LocationPatch
 from tidemap.services.context import Context
@@ -13,7 +14,7 @@ from tidemap.services.locations import change_location, delete_location, get_loc
 
 
 def change(ctx: Context, which: str, /, **fields: Any) -> dict[str, Any]:
-    return asdict(change_location(ctx, which, LocationPatch(**fields)))
+    return asdict(change_location(ctx, which, location_changes(LocationPatch(**fields))))
 
 
 def test_a_new_location_shows_what_was_asked_for(ctx: Context) -> None:

@@ -23,14 +23,13 @@ from tidemap.errors import (
 from tidemap.events.messages import EventMessage
 from tidemap.formats.registry import Body
 from tidemap.media_types import JSON
-from tidemap.schemas.locations import LocationPatch
 from tidemap.services.anomalies import EventQuery, list_events
 from tidemap.services.context import Context
 from tidemap.services.keys import Claim, Principal
-from tidemap.services.locations import change_location, delete_location, find_location, get_location
+from tidemap.services.locations import LocationChanges, change_location, delete_location, find_location, get_location
 from tidemap.services.observe import (
     QUICK_BYTES,
-    QUICK_LOOKS,
+    QUICK_SNAPSHOTS,
     NotQuickError,
     begin,
     begin_quick,
@@ -228,7 +227,7 @@ def test_a_quick_post_is_stored_told_and_refused_as_any_other(ctx: Context) -> N
 
 def test_a_post_of_many_moments_is_not_quick_and_nothing_of_it_is_stored(ctx: Context) -> None:
     learned_door(ctx)
-    times = [6000.0 + 60 * i for i in range(QUICK_LOOKS + 1)]
+    times = [6000.0 + 60 * i for i in range(QUICK_SNAPSHOTS + 1)]
     post = Post(Body(f'{{"time": {times}, "state": {[1] * len(times)}}}'.encode(), JSON))
     with pytest.raises(NotQuickError):
         begin_quick(ctx, "door", post).result(WAIT_S)
@@ -309,11 +308,11 @@ def test_a_post_goes_by_what_its_location_is_now(ctx: Context) -> None:
     """Locations are remembered between posts; whatever changes one is noticed by the next."""
     learned_door(ctx)
     assert len(post_states(ctx, "door", [6000.0], [1]).anomalies) == 1
-    change_location(ctx, "door", LocationPatch(estimator="fft", confidence=0.5))
+    change_location(ctx, "door", LocationChanges(estimator="fft", confidence=0.5))
     assert post_states(ctx, "door", [6060.0], [1]).anomalies[0].confidence == 0.5
     refit(ctx, "door")
     assert post_states(ctx, "door", [6120.0], [1]).revision == 2
-    change_location(ctx, "door", LocationPatch(name="gate"))
+    change_location(ctx, "door", LocationChanges(name="gate"))
     with pytest.raises(LocationNotFoundError):
         post_states(ctx, "door", [6180.0], [1])
     assert post_states(ctx, "gate", [6180.0], [1]).location == "gate"
@@ -331,7 +330,7 @@ def test_submit_takes_quick_and_slow_posts_to_their_durable_end(ctx: Context) ->
     assert asyncio.run(submit(ctx, "gate", slow)).number == 1
     assert is_quick(ctx, "gate", quick)
     assert asyncio.run(submit(ctx, "gate", quick)).number == 2
-    times = [120.0 + 60 * i for i in range(QUICK_LOOKS + 1)]
+    times = [120.0 + 60 * i for i in range(QUICK_SNAPSHOTS + 1)]
     many = Post(Body(f'{{"time": {times}, "state": {[1] * len(times)}}}'.encode(), JSON))
     assert is_quick(ctx, "gate", many), "only its parsing shows that it is not"
-    assert asyncio.run(submit(ctx, "gate", many)).accepted == QUICK_LOOKS + 1
+    assert asyncio.run(submit(ctx, "gate", many)).accepted == QUICK_SNAPSHOTS + 1

@@ -8,9 +8,8 @@ import pytest
 from tests.support.contexts import compact_now, make_location, post_rows, post_states, refit
 from tests.support.truth import share
 from tidemap.errors import CellNotFoundError, InvalidInputError, LocationNotFoundError, NoModelError
-from tidemap.schemas.locations import LocationPatch
 from tidemap.services.context import Context
-from tidemap.services.locations import change_location
+from tidemap.services.locations import LocationChanges, change_location
 from tidemap.services.predict import PredictQuery, predict_at
 from tidemap.services.series import SeriesQuery, series
 from tidemap.services.spectra import fitted
@@ -133,7 +132,7 @@ def test_a_held_state_stands_until_the_next_measurement_or_its_time_is_over(ctx:
     view = state_at(ctx, "door", StateQuery(60.0 * 19, observed=True))
     assert view.observed_time is not None
     assert view.observed_time.tolist() == [60.0 * 7]
-    change_location(ctx, "door", LocationPatch(missing="mask"))
+    change_location(ctx, "door", LocationChanges(missing="mask"))
     assert series(ctx, "door").observed.tolist() == [1, 2, 2, 2, 2, 1, 2, 0, *[2] * 12, 1]
 
 

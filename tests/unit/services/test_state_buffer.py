@@ -12,9 +12,8 @@ from tests.support.contexts import make_location, opened, post_rows, refit
 from tidemap.formats import arrow
 from tidemap.formats.table import Labels
 from tidemap.history.timebase import TimeBase
-from tidemap.schemas.locations import LocationPatch
 from tidemap.services.context import Context
-from tidemap.services.locations import change_location
+from tidemap.services.locations import LocationChanges, change_location
 from tidemap.services.state import StateQuery, StateView, ask, buffer_of, state_at
 from tidemap.services.state_buffer import StateBuffer
 from tidemap.services.warm import warm
@@ -62,7 +61,7 @@ def test_a_new_revision_or_confidence_is_a_new_sheet(ctx: Context) -> None:
     rhythmic_lab(ctx)
     query = StateQuery(60.0 * 1003)
     before = as_sent(ctx, query)
-    change_location(ctx, "lab", LocationPatch(confidence=0.51))
+    change_location(ctx, "lab", LocationChanges(confidence=0.51))
     assert as_sent(ctx, query) == made_anew(state_at(ctx, "lab", query))
     post_rows(ctx, "lab", [(60.0 * n, cell, 1) for n in range(200, 260) for cell in (5, 1599)])
     refit(ctx, "lab", estimator="fft", order=3)

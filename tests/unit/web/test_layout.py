@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tidemap.space.grid import GridGeometry
-from tidemap_web.viewer.layout import Layout, arrange, floor_step, look
+from tidemap_web.viewer.layout import Layout, arrange, camera_pose, floor_step
 from tidemap_web.viewer.picking import Ray, first_hit, rotation
 from tidemap_web.viewer.span import DAY_S, span
 
@@ -30,7 +30,7 @@ def test_the_observed_grid_stands_aside_without_overlap() -> None:
 @given(st.tuples(*[st.integers(1, 60)] * 3), st.floats(0.4, 3.0), st.booleans())
 def test_the_camera_sees_all_of_both_grids(shape: tuple[int, int, int], aspect: float, above: bool) -> None:
     layout = layout_of(shape)
-    camera = look(layout, aspect, FOV, above)
+    camera = camera_pose(layout, aspect, FOV, above)
     forward = (camera.look_at - camera.position) / np.linalg.norm(camera.look_at - camera.position)
     right = np.array([1.0, 0.0, 0.0])
     up = np.cross(right, forward)

@@ -28,11 +28,10 @@ from tests.support.waiting import WAIT_S, until
 from tidemap.errors import ShuttingDownError
 from tidemap.history.history import UNOBSERVED
 from tidemap.history.segment import merge
-from tidemap.schemas.locations import LocationPatch
 from tidemap.services import compaction
 from tidemap.services.context import Context
 from tidemap.services.jobs import request_update
-from tidemap.services.locations import change_location, find_location
+from tidemap.services.locations import LocationChanges, change_location, find_location
 from tidemap.services.update import UpdateRequest
 from tidemap.services.update_task import run_task
 from tidemap.storage.records import LocationRecord
@@ -325,7 +324,7 @@ def test_nobody_forgets_what_a_compaction_is_about_to_write_back(ctx: Context, m
     post_rows(ctx, "lab", [(NOW - 6000.0, 3, 1)])
     compact_now(ctx)
     post_rows(ctx, "lab", [(NOW, 3, 1)])
-    change_location(ctx, "lab", LocationPatch(retention=600.0))
+    change_location(ctx, "lab", LocationChanges(retention_s=600.0))
     monkeypatch.setattr(compaction, "segment_before", slow)
     location = find_location(ctx, "lab")
     with ThreadPoolExecutor(2) as pool:

@@ -69,7 +69,7 @@ class Camera:
     look_at: Vector
 
 
-def look(layout: Layout, aspect: float, fov: float, from_above: bool) -> Camera:
+def camera_pose(layout: Layout, aspect: float, fov: float, from_above: bool) -> Camera:
     """The nearest camera that sees both grids; `fov` is vertical, in radians.
 
     The camera stands south of the grids and above, so x points right and the predicted grid is on the left.

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.services.locations import LocationSummary
-from tidemap.space.grid import GridGeometry
+from tidemap.space.grid import Extent, GridGeometry
 from tidemap_web.viewer import report
 from tidemap_web.viewer.cells import Cloud, Ground, Taste, picture
 from tidemap_web.viewer.layout import Layout, arrange
@@ -68,7 +68,7 @@ class Painter:
         location = self._source.grid(name)
         if news or self._location != name:
             self._publish_location(location)
-        shown = self._look(location, request)
+        shown = self._painted(location, request)
         if shown is None:
             self.blank("no-observations", name)
             return
@@ -108,7 +108,7 @@ class Painter:
         first = location.first_time if location.first_time is not None else now
         self._publish(report.location(location, self._source.events(location.name, first), now))
 
-    def _look(self, location: LocationSummary, request: ViewRequest) -> PaintedView | None:
+    def _painted(self, location: LocationSummary, request: ViewRequest) -> PaintedView | None:
         """What there is to see; None when nothing has been observed."""
         if location.last_time is None or location.grid is None:
             return None
@@ -127,7 +127,7 @@ class Painter:
         key = _key(location, state)
         if self._laid is None or self._laid[0] != key:
             ground = Ground.of(grid, state.cell)
-            layout = arrange(grid, ground.index, location.kind == "grid2d")
+            layout = arrange(grid, ground.index, location.extent is Extent.PLANE)
             self._laid = (key, ground, layout)
         return self._laid[1], self._laid[2]
 

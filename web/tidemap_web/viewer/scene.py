@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from tidemap_web.viewer import colors
 from tidemap_web.viewer.cells import Cloud, Picture
-from tidemap_web.viewer.layout import Layout, look
+from tidemap_web.viewer.layout import Layout, camera_pose
 
 CELL_HALF = 0.42
 """Half the side of a drawn square in grid steps: a little less than a cell, so that cells show apart."""
@@ -51,7 +51,7 @@ class Scene:
             return
         camera = self.client.camera
         aspect = camera.image_width / max(camera.image_height, 1)
-        pose = look(self.layout, aspect, _FOV, from_above)
+        pose = camera_pose(self.layout, aspect, _FOV, from_above)
         camera.fov = _FOV
         camera.up_direction = np.array([0.0, 0.0, 1.0])
         camera.position = pose.position

@@ -66,12 +66,12 @@ class Services:
 
     def grids(self) -> list[LocationSummary]:
         """All locations that are grids, by name."""
-        return [location for location in locations.list_locations(self._ctx) if location.kind != "state"]
+        return [location for location in locations.list_locations(self._ctx) if location.grid is not None]
 
     def grid(self, name: str) -> LocationSummary:
         """One grid with what is known of it."""
         location = locations.get_location(self._ctx, name)
-        if location.kind == "state":
+        if location.grid is None:
             raise LocationNotFoundError(name)
         return location
 

@@ -7,7 +7,7 @@ from tidemap.api.dependencies import Admin, After, Audited, Ctx, Id, Limit, curs
 from tidemap.api.views.keys import key_view, new_key_view
 from tidemap.schemas.common import Page
 from tidemap.schemas.keys import Key, KeyForm, NewKey, RotationForm
-from tidemap.schemas.scope import Scope
+from tidemap.scope import Scope
 from tidemap.services import keys
 
 router = APIRouter(prefix="/keys", tags=["keys"], route_class=FormRoute)

@@ -5,7 +5,7 @@ from fastapi import APIRouter, Response
 from tidemap.api.bodies import FormRoute
 from tidemap.api.dependencies import Admin, After, Audited, Ctx, FilteringOperator, Limit, Operator
 from tidemap.api.scopes import check_name
-from tidemap.api.views.locations import location_view
+from tidemap.api.views.locations import location_changes, location_view, new_location
 from tidemap.schemas.common import Page
 from tidemap.schemas.locations import Location, LocationForm, LocationPatch
 from tidemap.services import locations
@@ -16,7 +16,7 @@ router = APIRouter(prefix="/locations", tags=["locations"], route_class=FormRout
 @router.post("", status_code=201)
 def create(form: LocationForm, ctx: Audited, _: Admin, response: Response) -> Location:
     """Make a location."""
-    made = location_view(locations.create_location(ctx, form))
+    made = location_view(locations.create_location(ctx, new_location(form)))
     response.headers["Location"] = f"/api/v1/locations/{made.name}"
     return made
 
@@ -38,7 +38,7 @@ def get(name: str, ctx: Ctx, _: Operator) -> Location:
 def change(name: str, form: LocationPatch, ctx: Audited, who: Admin) -> Location:
     """Change settings; the time base and the grid stay."""
     check_name(who, form.name or name)
-    return location_view(locations.change_location(ctx, name, form))
+    return location_view(locations.change_location(ctx, name, location_changes(form)))
 
 
 @router.delete("/{name}", status_code=204)

@@ -10,8 +10,8 @@ from tidemap.api.bodies import FormRoute
 from tidemap.api.dependencies import Admin, After, Audited, Ctx, Id, Limit, cursor
 from tidemap.api.views.webhooks import delivery_view, new_webhook_view, webhook_view
 from tidemap.schemas.common import Page
-from tidemap.schemas.scope import Scope
 from tidemap.schemas.webhooks import Delivery, NewWebhook, Webhook, WebhookForm, WebhookPatch, WebhookTest
+from tidemap.scope import Scope
 from tidemap.services import webhooks
 from tidemap.services.delivery import send_test
 from tidemap.services.webhooks import DeliveryState

@@ -1,1 +1,1 @@
-"""Wire forms of what the services return, one resource a module."""
+"""Wire forms of what the services take and return, one resource a module."""

@@ -17,7 +17,7 @@ from tidemap.client.transport import Server
 
 log = logging.getLogger(__name__)
 
-LOOK_S = 0.5
+POLL_S = 0.5
 """How often to look for what other processes have put into the file, and whether the one that sends is gone."""
 CONNECT_S = 5.0
 """A robot out of range should notice soon that it is back."""
@@ -87,13 +87,13 @@ class Sender:
             self._hurried.clear()
             self._backoff.hurry()
         if not lock.taken():
-            return LOOK_S
+            return POLL_S
         if (left_s := self._backoff.left_s()) > 0:
             return left_s
         kept = store.first(but=self._backoff.paths())
         if kept is None:
             store.shrink()
-            return max(0.0, min(self._backoff.next_s(), LOOK_S))
+            return max(0.0, min(self._backoff.next_s(), POLL_S))
         self._decide(store, kept, self._sent(http, kept))
         return 0.0
 

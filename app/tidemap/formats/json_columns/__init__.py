@@ -9,10 +9,10 @@ LARGE_BYTES = 1 << 18
 """Bodies from here on are read in pieces."""
 
 
-def read(content: Content, kind: str, grid: GridGeometry) -> Columns:
+def read(content: Content, grid: GridGeometry) -> Columns:
     """Columns of a JSON body. Raises UnreadableBodyError, InvalidInputError."""
     read_columns = small.read if len(content) < LARGE_BYTES else large.read
-    return read_columns(content, kind, grid)
+    return read_columns(content, grid)
 
 
 __all__ = ["LARGE_BYTES", "read", "write"]

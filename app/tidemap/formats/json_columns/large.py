@@ -14,8 +14,8 @@ from tidemap.formats.json_columns.values import integers_of, time_of, times_of
 from tidemap.history.columns import Columns, Content, of_table
 from tidemap.space.grid import GridGeometry
 
-MAX_LOOKS = 100_000
-"""Looks in one post; each costs as much as hundreds of cells."""
+MAX_OBSERVATIONS = 100_000
+"""Observations in one post; each costs as much as hundreds of cells."""
 _TIME = b'"time"'
 
 
@@ -24,19 +24,19 @@ class _State(msgspec.Struct, forbid_unknown_fields=True):
     state: msgspec.Raw
 
 
-class _Look(msgspec.Struct, forbid_unknown_fields=True, gc=False):
+class _Observation(msgspec.Struct, forbid_unknown_fields=True, gc=False):
     time: msgspec.Raw
     occupied: msgspec.Raw = msgspec.Raw(b"[]")
     free: msgspec.Raw = msgspec.Raw(b"[]")
 
 
-class _Looks(msgspec.Struct, forbid_unknown_fields=True):
-    observations: list[_Look]
+class _Observations(msgspec.Struct, forbid_unknown_fields=True):
+    observations: list[_Observation]
 
 
-def read(content: Content, kind: str, grid: GridGeometry) -> Columns:
+def read(content: Content, grid: GridGeometry) -> Columns:
     """Columns of a JSON body. Raises UnreadableBodyError, InvalidInputError."""
-    return _state(content) if kind == "state" else _grid(content, grid)
+    return _state(content) if grid.is_single else _grid(content, grid)
 
 
 def _state(content: Content) -> Columns:
@@ -57,18 +57,18 @@ def _column(text: msgspec.Raw, field: str, read_part: Callable[[list[Any], str, 
 
 
 def _grid(content: Content, grid: GridGeometry) -> Columns:
-    if content.count(_TIME) > MAX_LOOKS:
+    if content.count(_TIME) > MAX_OBSERVATIONS:
         raise InvalidInputError.at(
-            "observations", f"more than {MAX_LOOKS} looks in one post; send them in several, or as Arrow"
+            "observations", f"more than {MAX_OBSERVATIONS} observations in one post; send them in several, or as Arrow"
         )
     times: list[float] = []
     parts: list[NDArray[np.int64]] = []
     origins: list[tuple[int, str]] = []
-    for i, look in enumerate(fields_of(content, _Looks).observations):
-        times.append(time_of(parsed(bytes(look.time)), f"observations[{i}].time"))
+    for i, observation in enumerate(fields_of(content, _Observations).observations):
+        times.append(time_of(parsed(bytes(observation.time)), f"observations[{i}].time"))
         for name in ("occupied", "free"):
             field = f"observations[{i}].{name}"
-            for part in list_parts(bytes(getattr(look, name)), field):
+            for part in list_parts(bytes(getattr(observation, name)), field):
                 if part:
                     parts.append(cells_of(part, field, grid))
                     origins.append((i, name))

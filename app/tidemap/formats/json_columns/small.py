@@ -16,12 +16,12 @@ CELL_MESSAGE = "a cell is its linear index or [i,j,k]"
 STATE_MESSAGE = "a state is 0 (free) or 1 (occupied)"
 
 
-def read(content: Content, kind: str, grid: GridGeometry) -> Columns:
+def read(content: Content, grid: GridGeometry) -> Columns:
     """Columns of a JSON body. Raises UnreadableBodyError, InvalidInputError."""
     document = _load(content)
     if not isinstance(document, dict):
         raise InvalidInputError.at("body", "send a JSON object")
-    return _state(document) if kind == "state" else _grid(document, grid)
+    return _state(document) if grid.is_single else _grid(document, grid)
 
 
 def _load(content: Content) -> Any:
@@ -114,11 +114,11 @@ def _grid(document: dict[str, Any], grid: GridGeometry) -> Columns:
 
 
 def assemble(times: NDArray[np.float64], parts: list[NDArray[np.int64]], origins: list[tuple[int, str]]) -> Columns:
-    """The columns of all parts; a part is the cells of one state in one look, its origin that look and its field."""
+    """The columns of all parts: the cells of one state in one observation; their origin is that one and its field."""
     lengths = np.array([len(part) for part in parts], np.int64)
     first = np.concatenate([[0], np.cumsum(lengths)])
     owner = np.repeat(np.arange(len(parts)), lengths)
-    look = np.array([i for i, _ in origins], np.int64)
+    observation = np.array([i for i, _ in origins], np.int64)
     occupied = np.array([name == "occupied" for _, name in origins], np.uint8)
 
     def cell_field(row: int) -> str:
@@ -127,7 +127,7 @@ def assemble(times: NDArray[np.float64], parts: list[NDArray[np.int64]], origins
         return f"observations[{i}].{name}[{row - int(first[part])}]"
 
     return Columns(
-        times[look[owner]],
+        times[observation[owner]],
         np.concatenate(parts) if parts else np.empty(0, np.int64),
         occupied[owner],
         lambda row: f"observations[{origins[int(owner[row])][0]}].time",

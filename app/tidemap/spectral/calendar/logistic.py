@@ -56,7 +56,7 @@ def fit_rows(
             centre[rows, np.newaxis],
             at * allowed[rows],
         )
-        out[rows, used] = _ascend(*plan, penalty[used], *parts)
+        out[rows, used] = _maximise(*plan, penalty[used], *parts)
     return out
 
 
@@ -76,7 +76,7 @@ def _dot(a: Matrix, b: Matrix) -> Vector:
     return np.asarray(np.einsum("ij,ij->i", a, b), np.float32)
 
 
-def _ascend(
+def _maximise(
     design: Panels,
     transposed: Panels,
     square: Vector,

@@ -8,7 +8,7 @@ import numpy as np
 from sqlalchemy import Connection, RowMapping, Select, insert, select, update
 
 from tidemap.errors import AnomalyNotFoundError, CorruptChunkError
-from tidemap.schemas.scope import EVERYWHERE, Scope
+from tidemap.scope import EVERYWHERE, Scope
 from tidemap.storage.blobs import pack_cells, unpack_cells
 from tidemap.storage.counters import take
 from tidemap.storage.records import AnomalyRecord

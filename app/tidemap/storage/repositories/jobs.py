@@ -7,7 +7,7 @@ from typing import Any
 from sqlalchemy import Connection, RowMapping, delete, insert, select, update
 
 from tidemap.errors import JobNotFoundError
-from tidemap.schemas.scope import EVERYWHERE, Scope
+from tidemap.scope import EVERYWHERE, Scope
 from tidemap.storage.blobs import pack_json, unpack_json
 from tidemap.storage.counters import take
 from tidemap.storage.records import JobRecord

@@ -5,7 +5,7 @@ from typing import Any
 from sqlalchemy import Connection, RowMapping, bindparam, delete, func, insert, select, update
 
 from tidemap.errors import KeyNotFoundError
-from tidemap.schemas.scope import EVERYWHERE, Scope
+from tidemap.scope import EVERYWHERE, Scope
 from tidemap.storage.records import KeyRecord
 from tidemap.storage.tables import api_key, session
 

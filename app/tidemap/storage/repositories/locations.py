@@ -6,7 +6,7 @@ from typing import Any
 from sqlalchemy import Connection, bindparam, delete, func, insert, select, update
 
 from tidemap.errors import LocationExistsError, LocationNotFoundError
-from tidemap.schemas.scope import EVERYWHERE, Scope
+from tidemap.scope import EVERYWHERE, Scope
 from tidemap.storage.counters import take
 from tidemap.storage.records import LocationRecord
 from tidemap.storage.scoping import inside

@@ -7,7 +7,7 @@ from typing import Any
 from sqlalchemy import Connection, RowMapping, delete, func, insert, select, update
 
 from tidemap.errors import DeliveryNotFoundError, WebhookNotFoundError
-from tidemap.schemas.scope import Scope
+from tidemap.scope import Scope
 from tidemap.storage.counters import take
 from tidemap.storage.records import DeliveryRecord, WebhookRecord
 from tidemap.storage.tables import delivery, webhook

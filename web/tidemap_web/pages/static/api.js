@@ -1,5 +1,10 @@
 // Questions to the server's HTTP API; errors carry the problem's own words.
 
+/**
+ * @param {string} path
+ * @param {RequestInit} options
+ * @returns {Promise<any>}
+ */
 export async function ask(path, options = {}) {
   const answer = await fetch(`/api/v1${path}`, { headers: { Accept: "application/json" }, ...options });
   if (answer.status === 401) {
@@ -15,6 +20,10 @@ export async function ask(path, options = {}) {
   throw Object.assign(new Error(problem.detail), { problem });
 }
 
+/**
+ * @param {string} path
+ * @param {object} body
+ */
 export function post(path, body) {
   const headers = { Accept: "application/json", "Content-Type": "application/json" };
   return ask(path, { method: "POST", headers, body: JSON.stringify(body) });

@@ -1,26 +1,34 @@
 // Predicted probability and what was observed, over time: a curve, and two strips below it.
 
 import { dayText, clockText, offsetOf, timeText, zoneText } from "./words.js";
+/** @import { ChartState, Plot } from "../../../types.d.ts" */
 
 /* global uPlot */
 const STRIP = 12;
 const ANOMALY_MIN_PX = 3;
 
+/** @returns {Record<string, string>} */
 export function colours() {
   const style = getComputedStyle(document.documentElement);
+  /** @param {string} name */
   const of = (name) => style.getPropertyValue(`--${name}`).trim();
   return Object.fromEntries(
     ["ink", "quiet", "line", "grid", "predicted", "occupied", "free", "anomaly", "future", "paper"].map((n) => [n, of(n)]),
   );
 }
 
-/** Ticks on whole local hours, days or weeks. */
+/**
+ * Ticks on whole local hours, days or weeks.
+ * @param {string} zone
+ */
 function splits(zone) {
   const steps = [300, 900, 1800, 3600, 7200, 10800, 21600, 43200, 86400, 172800, 604800, 1209600, 2419200, 7257600];
-  return (chart, axis, low, high, _increment, _space) => {
+  /** @type {(chart: Plot, axis: number, low: number, high: number) => number[]} */
+  const ticksOf = (chart, _axis, low, high) => {
     const wanted = Math.max(2, chart.bbox.width / devicePixelRatio / 95);
     const step = steps.find((s) => (high - low) / s <= wanted) ?? 14515200;
     const monday = 4 * 86400; // the epoch was a Thursday
+    /** @type {number[]} */
     const ticks = [];
     const offset = offsetOf(low, zone);
     let local = Math.ceil((low + offset - monday) / step) * step + monday;
@@ -31,10 +39,13 @@ function splits(zone) {
       if (time >= low) ticks.push(time);
     }
   };
+  return ticksOf;
 }
 
+/** @param {string} zone */
 function tickTexts(zone) {
-  return (_chart, ticks) => {
+  /** @type {(chart: Plot, ticks: number[]) => string[]} */
+  const texts = (_chart, ticks) => {
     let day = "";
     return ticks.map((time) => {
       const text = dayText(time, zone);
@@ -46,9 +57,15 @@ function tickTexts(zone) {
       return label;
     });
   };
+  return texts;
 }
 
-/** Runs of equal values as [first, past, value]. */
+/**
+ * Runs of equal values as [first, past, value].
+ * @template Value
+ * @param {Value[]} values
+ * @returns {Generator<[number, number, Value]>}
+ */
 function* runs(values) {
   let first = 0;
   for (let i = 1; i <= values.length; i++) {
@@ -59,17 +76,18 @@ function* runs(values) {
   }
 }
 
+/** @param {ChartState} state */
 function drawStrips(state) {
-  return (chart) => {
+  return (/** @type {Plot} */ chart) => {
     const { ctx, bbox } = chart;
     const ratio = devicePixelRatio;
     const c = colours();
     const times = state.series.time;
     const step = state.step;
-    const x = (time) => Math.min(bbox.left + bbox.width, Math.max(bbox.left, chart.valToPos(time, "x", true)));
-    const row = (index) => bbox.top + bbox.height - (2 - index) * (STRIP + 4) * ratio + 2 * ratio;
+    const x = (/** @type {number} */ time) => Math.min(bbox.left + bbox.width, Math.max(bbox.left, chart.valToPos(time, "x", true)));
+    const row = (/** @type {number} */ index) => bbox.top + bbox.height - (2 - index) * (STRIP + 4) * ratio + 2 * ratio;
     ctx.save();
-    for (const [index, values] of [[0, state.series.state], [1, state.series.observed]]) {
+    for (const [index, values] of [state.series.state, state.series.observed].entries()) {
       for (const [first, past, value] of runs(values)) {
         if (value === null) continue;
         const left = x(times[first]);
@@ -88,8 +106,9 @@ function drawStrips(state) {
   };
 }
 
+/** @param {ChartState} state */
 function drawForecast(state) {
-  return (chart) => {
+  return (/** @type {Plot} */ chart) => {
     const { ctx, bbox } = chart;
     const ratio = devicePixelRatio;
     const edge = chart.valToPos(state.last, "x", true);
@@ -104,8 +123,9 @@ function drawForecast(state) {
   };
 }
 
+/** @param {ChartState} state */
 function drawBack(state) {
-  return (chart) => {
+  return (/** @type {Plot} */ chart) => {
     const { ctx, bbox } = chart;
     const c = colours();
     const edge = chart.valToPos(state.last, "x", true);
@@ -138,6 +158,11 @@ function drawBack(state) {
 
 export function legendHtml() {
   const c = colours();
+  /**
+   * @param {string} kind
+   * @param {string} colour
+   * @param {string} text
+   */
   const item = (kind, colour, text) => {
     const mark = document.createElement("i");
     mark.className = kind;
@@ -156,10 +181,18 @@ export function legendHtml() {
   ];
 }
 
-/** Draw into `host`. `state`: {series, events, last, confidence, step}; calls `zoomed(start, stop)` after a drag. */
+/**
+ * Draw into `host`. `state`: {series, events, last, confidence, step}; calls `zoomed(start, stop)` after a drag.
+ * @param {HTMLElement} host
+ * @param {HTMLElement} reading
+ * @param {ChartState} state
+ * @param {string} zone
+ * @param {(start: number, stop: number) => void} zoomed
+ */
 export function draw(host, reading, state, zone, zoomed) {
   const c = colours();
   const { series } = state;
+  /** @param {Plot} chart */
   const read = (chart) => {
     const i = chart.cursor.idx;
     if (i === null || i === undefined) {
@@ -187,7 +220,8 @@ export function draw(host, reading, state, zone, zoomed) {
         { stroke: c.quiet, grid: { stroke: c.grid }, ticks: { stroke: c.grid }, splits: splits(zone), values: tickTexts(zone), size: 46 },
         {
           stroke: c.quiet, grid: { stroke: c.grid }, ticks: { show: false }, size: 46,
-          splits: () => [0, 0.25, 0.5, 0.75, 1], values: (_c, v) => v.map((x) => x.toFixed(2)),
+          splits: () => [0, 0.25, 0.5, 0.75, 1],
+          values: (/** @type {Plot} */ _chart, /** @type {number[]} */ v) => v.map((x) => x.toFixed(2)),
         },
       ],
       hooks: {
@@ -195,7 +229,7 @@ export function draw(host, reading, state, zone, zoomed) {
         draw: [drawStrips(state), drawForecast(state)],
         setCursor: [read],
         setSelect: [
-          (made) => {
+          (/** @type {Plot} */ made) => {
             const { left, width } = made.select;
             if (width < 4) return;
             zoomed(made.posToVal(left, "x"), made.posToVal(left + width, "x"));

@@ -2,17 +2,19 @@
 
 import { ask, post } from "./api.js";
 import { draw, legendHtml } from "./chart.js";
+import { all, byId, closest, reason } from "./dom.js";
 import { clockText, dayText, durationText, timeText } from "./words.js";
+/** @import { Anomaly, Component, Model, Plot, Series } from "../../../types.d.ts" */
 
 /* global htmx */
 const POINTS = 1500;
 const RHYTHMS = 8;
 const DAY = 86400;
-const section = document.getElementById("history");
+const section = byId("history");
 const facts = section.dataset;
 const location = {
-  name: facts.location,
-  zone: facts.zone,
+  name: facts.location ?? "",
+  zone: facts.zone ?? "UTC",
   kind: facts.kind,
   interval: Number(facts.interval),
   confidence: Number(facts.confidence),
@@ -21,7 +23,7 @@ const location = {
   last: facts.last === "" ? null : Number(facts.last),
 };
 const base = `/locations/${encodeURIComponent(location.name)}`;
-const host = document.getElementById("chart");
+const host = byId("chart");
 const reading = document.createElement("p");
 reading.className = "reading";
 const legend = document.createElement("div");
@@ -29,11 +31,15 @@ legend.className = "legend";
 host.after(legend, reading);
 
 let range = "week";
+/** @type {[number, number] | null} */
 let zoom = null;
+/** @type {number | null} */
 let cell = location.kind === "state" ? 0 : null;
+/** @type {Plot | null} */
 let chart = null;
 let latest = 0;
 
+/** @param {string} text */
 function say(text) {
   chart?.destroy();
   chart = null;
@@ -44,14 +50,20 @@ function say(text) {
   host.replaceChildren(message);
 }
 
+/** @returns {[number, number]} */
 function bounds() {
   if (zoom) return zoom;
-  const future = Math.max(DAY, 0.2 * (location.last - location.first));
-  if (range === "day") return [location.last - DAY, location.last + DAY];
-  if (range === "week") return [location.last - 7 * DAY, location.last + 2 * DAY];
-  return [location.first, location.last + future];
+  const last = location.last ?? 0;
+  const first = location.first ?? last;
+  if (range === "day") return [last - DAY, last + DAY];
+  if (range === "week") return [last - 7 * DAY, last + 2 * DAY];
+  return [first, last + Math.max(DAY, 0.2 * (last - first))];
 }
 
+/**
+ * @param {number} start
+ * @param {number} stop
+ */
 function stepFor(start, stop) {
   const rough = (stop - start) / POINTS;
   return Math.max(1, Math.ceil(rough / location.interval)) * location.interval;
@@ -72,10 +84,15 @@ async function load() {
     if (request !== latest) return;
     show(series, events.items, step);
   } catch (error) {
-    if (request === latest) say(error.message);
+    if (request === latest) say(reason(error));
   }
 }
 
+/**
+ * @param {Series} series
+ * @param {Anomaly[]} events
+ * @param {number} step
+ */
 function show(series, events, step) {
   if (series.probability.every((p) => p === null) && series.observed.every((s) => s === null)) {
     return say(
@@ -84,13 +101,13 @@ function show(series, events, step) {
         : `Cell ${cell} has not been observed. Click another one in the 3D viewer.`,
     );
   }
-  const mine = events.filter((event) => event.cells.includes(cell)).map((event) => ({
+  const mine = events.filter((event) => event.cells.includes(cell ?? -1)).map((event) => ({
     start: Date.parse(event.start) / 1000,
     stop: Date.parse(event.stop) / 1000,
   }));
   chart?.destroy();
   host.replaceChildren();
-  const state = { series, events: mine, last: location.last, confidence: location.confidence, step };
+  const state = { series, events: mine, last: location.last ?? 0, confidence: location.confidence, step };
   chart = draw(host, reading, state, location.zone, (low, high) => {
     zoom = [low, high];
     mark();
@@ -100,7 +117,7 @@ function show(series, events, step) {
 }
 
 function mark() {
-  for (const button of section.querySelectorAll("[data-range]")) {
+  for (const button of all("#history [data-range]")) {
     button.setAttribute("aria-pressed", String(!zoom && button.dataset.range === range));
   }
 }
@@ -108,28 +125,42 @@ function mark() {
 const DAYS = ["Mon", "Tue", "Wed", "Thu", "Fri", "Sat", "Sun"];
 
 // Of a calendar model: its waves run in civil time, counted from a Monday 00:00.
-function civilPeakText(part) {
-  const peak = ((((-part.phase / (2 * Math.PI)) % 1) + 1) % 1) * part.period_s;
+/**
+ * @param {Component} part
+ * @param {number} period
+ */
+function civilPeakText(part, period) {
+  const peak = ((((-part.phase / (2 * Math.PI)) % 1) + 1) % 1) * period;
   const minutes = Math.round(peak / 60) % (24 * 60);
   const clock = `${String(Math.floor(minutes / 60)).padStart(2, "0")}:${String(minutes % 60).padStart(2, "0")}`;
-  if (Math.abs(part.period_s / DAY - 1) < 0.01) return `highest at ${clock}`;
-  if (Math.abs(part.period_s / (7 * DAY) - 1) < 0.01) return `highest on ${DAYS[Math.floor(peak / DAY) % 7]}, ${clock}`;
+  if (Math.abs(period / DAY - 1) < 0.01) return `highest at ${clock}`;
+  if (Math.abs(period / (7 * DAY) - 1) < 0.01) return `highest on ${DAYS[Math.floor(peak / DAY) % 7]}, ${clock}`;
   return "";
 }
 
+/**
+ * @param {Component} part
+ * @param {Model} model
+ */
 function peakText(part, model) {
-  if (part.period_s === null || part.period_s < 5400) return "";
-  if (model.time_zone) return civilPeakText(part);
+  const period = part.period_s;
+  if (period === null || period < 5400) return "";
+  if (model.time_zone) return civilPeakText(part, period);
   const start = Date.parse(model.start) / 1000;
   const end = Date.parse(model.stop) / 1000;
-  const first = start - (part.phase / (2 * Math.PI)) * part.period_s;
-  const peak = first + Math.ceil((end - first) / part.period_s) * part.period_s;
-  const near = (period) => Math.abs(part.period_s / period - 1) < 0.01;
+  const first = start - (part.phase / (2 * Math.PI)) * period;
+  const peak = first + Math.ceil((end - first) / period) * period;
+  const near = (/** @type {number} */ wanted) => Math.abs(period / wanted - 1) < 0.01;
   if (near(DAY)) return `highest at ${clockText(peak, location.zone, false)}`;
   if (near(7 * DAY)) return `highest on ${dayText(peak, location.zone).slice(0, 3)}, ${clockText(peak, location.zone, false)}`;
   return "";
 }
 
+/**
+ * @param {Component} part
+ * @param {number} largest
+ * @param {Model} model
+ */
 function row(part, largest, model) {
   const line = document.createElement("tr");
   const name = document.createElement("th");
@@ -150,6 +181,7 @@ function row(part, largest, model) {
   return line;
 }
 
+/** @param {Model} model */
 function heading(model) {
   const line = document.createElement("p");
   line.className = "note";
@@ -163,6 +195,7 @@ function heading(model) {
   return line;
 }
 
+/** @param {Model} model */
 function table(model) {
   const made = document.createElement("table");
   made.className = "list";
@@ -176,6 +209,10 @@ function table(model) {
   return first < rows.length ? [made, more(body, rows)] : [made];
 }
 
+/**
+ * @param {HTMLElement} body
+ * @param {HTMLElement[]} rows
+ */
 function more(body, rows) {
   const button = document.createElement("button");
   button.type = "button";
@@ -189,7 +226,7 @@ function more(body, rows) {
 }
 
 async function rhythms() {
-  const box = document.getElementById("spectrum");
+  const box = byId("spectrum");
   const quiet = document.createElement("p");
   quiet.className = "quiet";
   box.replaceChildren(quiet);
@@ -206,14 +243,15 @@ async function rhythms() {
       box.append(heading(model));
     }
   } catch (error) {
-    quiet.textContent = error.message;
+    quiet.textContent = reason(error);
   }
 }
 
+/** @param {number} number */
 function choose(number) {
   cell = number;
   const input = document.getElementById("cell");
-  if (input) input.value = String(number);
+  if (input instanceof HTMLInputElement) input.value = String(number);
   const query = new URLSearchParams(window.location.search);
   query.set("cell", String(number));
   history.replaceState(null, "", `?${query}`);
@@ -221,6 +259,7 @@ function choose(number) {
   rhythms();
 }
 
+/** @param {HTMLButtonElement} button */
 async function acknowledge(button) {
   button.disabled = true;
   try {
@@ -229,14 +268,14 @@ async function acknowledge(button) {
   } catch (error) {
     button.disabled = false;
     button.textContent = "Try again";
-    button.title = error.message;
+    button.title = reason(error);
   }
 }
 
 section.addEventListener("click", (event) => {
-  const button = event.target.closest("[data-range]");
+  const button = closest(event, "[data-range]");
   if (!button) return;
-  range = button.dataset.range;
+  range = button.dataset.range ?? range;
   zoom = null;
   mark();
   load();
@@ -248,17 +287,17 @@ host.addEventListener("dblclick", () => {
 });
 document.getElementById("cell-form")?.addEventListener("submit", (event) => {
   event.preventDefault();
-  choose(Number(document.getElementById("cell").value));
+  choose(Number(byId("cell").value));
 });
 document.addEventListener("click", (event) => {
-  const button = event.target.closest?.("[data-acknowledge]");
-  if (button) acknowledge(button);
+  const button = closest(event, "[data-acknowledge]");
+  if (button instanceof HTMLButtonElement) acknowledge(button);
 });
 window.addEventListener("message", (event) => {
   if (event.origin === window.location.origin && event.data?.kind === "cell") choose(event.data.cell);
 });
 document.body.addEventListener("htmx:afterSwap", () => {
-  const fresh = document.getElementById("facts").dataset;
+  const fresh = byId("facts").dataset;
   const last = fresh.last === "" ? null : Number(fresh.last);
   if (last === location.last && Number(fresh.revision) === location.revision) return;
   const refitted = Number(fresh.revision) !== location.revision;

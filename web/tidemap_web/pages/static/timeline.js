@@ -1,6 +1,7 @@
 // The timeline: history and future, ticks in local time, marks of anomalies, and a slider over all of it.
 
 import { clockText, dayText, offsetOf } from "./words.js";
+/** @import { GridMessage } from "../../../types.d.ts" */
 
 const DAY = 86400;
 const THUMB = 12;
@@ -8,10 +9,16 @@ const STEPS = [900, 3600, 7200, 10800, 21600, 43200, DAY, 2 * DAY, 7 * DAY, 14 *
 const MONDAY = 4 * DAY;
 
 export class Timeline {
+  /**
+   * @param {HTMLCanvasElement} canvas
+   * @param {HTMLInputElement} slider
+   * @param {(time: number) => void} moved
+   */
   constructor(canvas, slider, moved) {
     this.canvas = canvas;
     this.slider = slider;
     this.reach = "all";
+    /** @type {GridMessage | null} */
     this.location = null;
     this.time = 0;
     slider.addEventListener("input", () => moved(Number(slider.value)));
@@ -19,6 +26,7 @@ export class Timeline {
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
   }
 
+  /** @param {GridMessage} location */
   setLocation(location) {
     const first = this.location?.name !== location.name;
     this.location = location;
@@ -27,13 +35,18 @@ export class Timeline {
     this.show(this.time);
   }
 
+  /** @param {string | undefined} reach */
   setReach(reach) {
-    this.reach = reach;
+    this.reach = reach ?? "all";
     this.show(this.time);
   }
 
-  /** What the timeline covers: all, or the local day or week that holds the time. */
+  /**
+   * What the timeline covers: all, or the local day or week that holds the time; nothing without a location.
+   * @returns {[number, number]}
+   */
   window() {
+    if (!this.location?.span) return [0, 0];
     const { first, stop } = this.location.span;
     if (this.reach === "all") return [first, stop];
     const zone = this.location.time_zone;
@@ -45,11 +58,14 @@ export class Timeline {
     return [begin, begin + length];
   }
 
+  /** @param {number} time */
   clamp(time) {
+    if (!this.location?.span) return time;
     const { first, stop } = this.location.span;
     return Math.min(stop, Math.max(first, time));
   }
 
+  /** @param {number} time */
   show(time) {
     this.time = time;
     if (!this.location?.span) return this.draw();
@@ -71,13 +87,21 @@ export class Timeline {
     canvas.width = Math.round(width * ratio);
     canvas.height = Math.round(height * ratio);
     const ctx = canvas.getContext("2d");
+    if (!ctx || !this.location?.span || width === 0) return;
     ctx.scale(ratio, ratio);
-    if (!this.location?.span || width === 0) return;
     const style = getComputedStyle(document.documentElement);
+    /** @param {string} name */
     const colour = (name) => style.getPropertyValue(`--${name}`).trim();
     const [low, high] = this.window();
+    /** @param {number} time */
     const x = (time) => THUMB / 2 + ((time - low) / (high - low)) * (width - THUMB);
+    /** @param {number} value */
     const clip = (value) => Math.min(width - THUMB / 2, Math.max(THUMB / 2, value));
+    /**
+     * @param {number} from
+     * @param {number} to
+     * @param {string} fill
+     */
     const band = (from, to, fill, top = 14, size = 12) => {
       const left = clip(x(from));
       const right = clip(x(to));
@@ -107,8 +131,16 @@ export class Timeline {
     if (last >= low && last <= high) ctx.fillRect(x(last) - 0.75, 10, 1.5, 20);
   }
 
+  /**
+   * @param {CanvasRenderingContext2D} ctx
+   * @param {number} low
+   * @param {number} high
+   * @param {(time: number) => number} x
+   * @param {(name: string) => string} colour
+   * @param {number} width
+   */
   drawTicks(ctx, low, high, x, colour, width) {
-    const zone = this.location.time_zone;
+    const zone = this.location?.time_zone ?? "UTC";
     const step = STEPS.find((s) => (high - low) / s <= Math.max(2, width / 92)) ?? 168 * DAY;
     ctx.font = "11px system-ui, sans-serif";
     ctx.textAlign = "center";

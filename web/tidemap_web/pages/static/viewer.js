@@ -1,20 +1,25 @@
 // The viewer's page: it owns the address, the time and the settings; the session on the server draws the scene.
 
+import { all, byId as $ } from "./dom.js";
 import { Timeline } from "./timeline.js";
 import { dateText, clockText, durationText, zoneText } from "./words.js";
+/** @import { CellFacts, FrameMessage, GridMessage, Handlers, NoticeMessage, ViewRequest } from "../../../types.d.ts" */
 
-const $ = (id) => document.getElementById(id);
 const { token, scene } = document.body.dataset;
 const embedded = document.body.classList.contains("embedded");
 const asked = new URLSearchParams(window.location.search);
 const HOUR = 3600;
 const DAY = 86400;
 
+/** @type {ViewRequest} */
 const request = { location: asked.get("location"), time: askedTime(), live: false, confidence: null, order: null, floor: 0.1, dim: true };
 request.live = request.time === null;
+/** @type {GridMessage | null} */
 let location = null;
+/** @type {FrameMessage | null} */
 let frame = null;
 let playing = false;
+/** @type {WebSocket | null} */
 let socket = null;
 let tried = 0;
 
@@ -27,16 +32,19 @@ function askedTime() {
   return Number.isFinite(time) ? time : null;
 }
 
+/** @param {object} message */
 function send(message) {
   if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
 }
 
+/** @param {Partial<ViewRequest>} changes */
 function want(changes) {
   Object.assign(request, changes);
   send({ kind: "view", ...request });
   showRequest();
 }
 
+/** @param {number} time */
 function go(time) {
   if (!location?.span) return;
   want({ time: timeline.clamp(time), live: false });
@@ -55,7 +63,7 @@ function connect() {
   });
   socket.addEventListener("message", (event) => {
     const message = JSON.parse(event.data);
-    handlers[message.kind]?.(message);
+    handlers[/** @type {keyof Handlers} */ (message.kind)]?.(message);
   });
   socket.addEventListener("close", lost);
 }
@@ -63,7 +71,7 @@ function connect() {
 async function lost() {
   tried += 1;
   const answer = await fetch("/view/sessions").catch(() => null);
-  if (answer?.status === 401 || answer?.status === 403) {
+  if (top && (answer?.status === 401 || answer?.status === 403)) {
     top.location.assign(`/login?next=${encodeURIComponent(top.location.pathname + top.location.search)}`);
     return;
   }
@@ -72,13 +80,14 @@ async function lost() {
 }
 
 function loadScene() {
-  const query = asked.has("fixedDpr") ? `&fixedDpr=${encodeURIComponent(asked.get("fixedDpr"))}` : "";
-  const fresh = $("scene").cloneNode();
+  const query = asked.has("fixedDpr") ? `&fixedDpr=${encodeURIComponent(asked.get("fixedDpr") ?? "")}` : "";
+  const fresh = /** @type {HTMLIFrameElement} */ ($("scene").cloneNode());
   fresh.src = `${scene}${query}#${token}`;
-  fresh.addEventListener("load", () => fresh.contentWindow.addEventListener("keydown", keys));
+  fresh.addEventListener("load", () => fresh.contentWindow?.addEventListener("keydown", keys));
   $("scene").replaceWith(fresh);
 }
 
+/** @type {Handlers} */
 const handlers = {
   grids(message) {
     const names = message.items.map((item) => item.name);
@@ -121,6 +130,10 @@ const handlers = {
 
 // ---- what is shown ------------------------------------------------------------------------------------------------
 
+/**
+ * @param {string} title
+ * @param {string} text
+ */
 function notice(title, text, code = "") {
   $("notice-title").textContent = title;
   $("notice-text").textContent = text;
@@ -129,6 +142,7 @@ function notice(title, text, code = "") {
   $("notice").hidden = false;
 }
 
+/** @param {NoticeMessage} message */
 function explain({ reason, detail }) {
   const origin = window.location.origin;
   const name = request.location ?? "lab";
@@ -147,11 +161,16 @@ function explain({ reason, detail }) {
   } else notice("This did not work", detail);
 }
 
+/** @param {number | string} value */
 function setConfidence(value) {
   $("confidence").value = String(value);
   $("confidence-value").textContent = Number(value).toFixed(2);
 }
 
+/**
+ * @param {HTMLElement} list
+ * @param {[string, string | Node][]} items
+ */
 function pairs(list, items) {
   list.replaceChildren(
     ...items.flatMap(([term, text]) => {
@@ -164,9 +183,11 @@ function pairs(list, items) {
   );
 }
 
+/** @param {number} number */
 const count = (number) => number.toLocaleString("en");
 
 function showFrame() {
+  if (!frame || !location) return;
   $("model").textContent = `revision ${frame.revision} (${frame.estimator})`;
   $("unexpected").textContent = frame.unexpected ? count(frame.unexpected) : "";
   $("missing").textContent = frame.missing ? count(frame.missing) : "";
@@ -185,11 +206,12 @@ function showFrame() {
   showSelected(frame.selected);
 }
 
+/** @param {CellFacts | null} cell */
 function showSelected(cell) {
   $("selected-none").hidden = cell !== null;
   if (cell === null) return $("selected-facts").replaceChildren();
   const link = document.createElement("a");
-  link.href = `/locations/${encodeURIComponent(location.name)}?cell=${cell.cell}`;
+  link.href = `/locations/${encodeURIComponent(location?.name ?? "")}?cell=${cell.cell}`;
   link.textContent = "over time";
   if (embedded) {
     link.addEventListener("click", (event) => {
@@ -198,7 +220,7 @@ function showSelected(cell) {
     });
   }
   const seen = cell.observed === null ? "never by then" : cell.observed ? "occupied" : "free";
-  const ago = cell.observed_time === null ? "–" : `${durationText(frame.time - cell.observed_time)} before`;
+  const ago = cell.observed_time === null ? "–" : `${durationText((frame?.time ?? 0) - cell.observed_time)} before`;
   pairs($("selected-facts"), [
     ["Number", String(cell.cell)],
     ["Index", `[${cell.index.join(", ")}]`],
@@ -214,7 +236,7 @@ function showRequest() {
   $("floor-value").textContent = request.floor.toFixed(2);
   $("floor-note").textContent = request.floor > 0 ? `(hidden below ${request.floor.toFixed(2)})` : "";
   $("ramp-floor").style.width = `${100 * request.floor}%`;
-  document.querySelector(".structure").hidden = !request.dim;
+  for (const part of all(".structure")) part.hidden = !request.dim;
   $("live").setAttribute("aria-pressed", String(request.live));
   if (!location?.span || request.time === null) {
     $("date").textContent = "–";
@@ -236,15 +258,15 @@ function address() {
   clearTimeout(addressTimer);
   addressTimer = setTimeout(() => {
     const query = new URLSearchParams(window.location.search);
-    query.set("location", location.name);
+    query.set("location", location?.name ?? "");
     if (request.live) query.delete("time");
-    else query.set("time", String(Math.round(request.time)));
+    else query.set("time", String(Math.round(request.time ?? 0)));
     history.replaceState(null, "", `?${query}`);
   }, 300);
 }
 
 function markReach() {
-  for (const button of document.querySelectorAll("[data-reach]")) {
+  for (const button of all("[data-reach]")) {
     button.setAttribute("aria-pressed", String(button.dataset.reach === timeline.reach));
   }
 }
@@ -252,6 +274,7 @@ function markReach() {
 // ---- playing --------------------------------------------------------------------------------------------------
 
 let before = 0;
+/** @param {number} now */
 function tick(now) {
   if (!playing) return;
   const elapsed = Math.min(0.5, (now - before) / 1000);
@@ -259,7 +282,7 @@ function tick(now) {
   const ready = frame === null || frame.time === request.time || request.live;
   if (ready && location?.span) {
     const [low, high] = timeline.reach === "all" ? timeline.window() : [location.span.first, location.span.stop];
-    const next = request.time + owed + elapsed * Number($("speed").value);
+    const next = (request.time ?? high) + owed + elapsed * Number($("speed").value);
     owed = 0;
     want({ time: next > high ? low : next, live: false });
   } else owed += elapsed * Number($("speed").value);
@@ -267,6 +290,7 @@ function tick(now) {
 }
 let owed = 0;
 
+/** @param {boolean} on */
 function play(on) {
   if (on && !location?.span) return;
   playing = on;
@@ -277,14 +301,17 @@ function play(on) {
   if (on) requestAnimationFrame(tick);
 }
 
+/** @param {number} seconds */
 function step(seconds) {
   if (request.time !== null) go(request.time + seconds);
 }
 
+/** @param {number} direction */
 function anomaly(direction) {
-  if (!location?.span || request.time === null) return;
+  const { time } = request;
+  if (!location?.span || time === null) return;
   const starts = location.events.map((event) => event.start).sort((a, b) => a - b);
-  const found = direction > 0 ? starts.find((s) => s > request.time + 1) : starts.findLast((s) => s < request.time - 1);
+  const found = direction > 0 ? starts.find((s) => s > time + 1) : starts.findLast((s) => s < time - 1);
   if (found !== undefined) go(found);
 }
 
@@ -320,29 +347,31 @@ $("live").addEventListener("click", live);
 $("previous").addEventListener("click", () => anomaly(-1));
 $("next").addEventListener("click", () => anomaly(1));
 $("time").addEventListener("pointerdown", () => play(false));
-for (const button of document.querySelectorAll("[data-step]")) {
+for (const button of all("[data-step]")) {
   button.addEventListener("click", () => step(Number(button.dataset.step)));
 }
-for (const button of document.querySelectorAll("[data-view]")) {
+for (const button of all("[data-view]")) {
   button.addEventListener("click", () => send({ kind: "aim", view: button.dataset.view }));
 }
-for (const button of document.querySelectorAll("[data-reach]")) {
+for (const button of all("[data-reach]")) {
   button.addEventListener("click", () => {
     timeline.setReach(button.dataset.reach);
     markReach();
   });
 }
 
+/** @param {KeyboardEvent} event */
 function keys(event) {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
-  const target = event.target;
+  const target = /** @type {Element} */ (event.target);
   const pressable = target.matches?.("select, input:not(#time), summary, button, a");
   const movable = target.matches?.("select, input:not(#time):not([type=checkbox])");
   const inScene = target.ownerDocument !== document;
+  /** @type {Record<string, () => void>} */
   const actions = {
     " ": () => play(!playing),
-    ",": () => step(-location.interval_s),
-    ".": () => step(location.interval_s),
+    ",": () => step(-(location?.interval_s ?? 0)),
+    ".": () => step(location?.interval_s ?? 0),
     l: live,
     p: () => anomaly(-1),
     n: () => anomaly(1),
@@ -360,7 +389,7 @@ function keys(event) {
 }
 document.addEventListener("keydown", keys);
 
-for (const bar of document.querySelectorAll("[data-gradient]")) bar.style.background = bar.dataset.gradient;
-for (const swatch of document.querySelectorAll("[data-colour]")) swatch.style.background = swatch.dataset.colour;
+for (const bar of all("[data-gradient]")) bar.style.background = bar.dataset.gradient ?? "";
+for (const swatch of all("[data-colour]")) swatch.style.background = swatch.dataset.colour ?? "";
 showRequest();
 connect();
