@@ -2,19 +2,32 @@
 
 import argparse
 import json
-import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import asdict
 from pathlib import Path
+from socket import socket
 from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
 from tidemap import log
 from tidemap.cli_files import add_files
+from tidemap.cli_keys import add_keys
 from tidemap.cli_outbox import add_outbox
+from tidemap.cli_server import add_questions
+from tidemap.cli_support import (
+    DONE,
+    FAILED,
+    WRONG_USAGE,
+    add_database,
+    add_json,
+    add_server,
+    existing_settings,
+    failed,
+    settings_of,
+)
 from tidemap.errors import DatabaseUnusableError, DomainError, SchemaVersionError
 from tidemap.requirements import unmet
 from tidemap.version import __version__
@@ -23,7 +36,6 @@ if TYPE_CHECKING:
     from tidemap.settings import Settings
 
 Command = Callable[[argparse.Namespace], int]
-DONE, FAILED, WRONG_USAGE = 0, 1, 2
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -31,20 +43,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     command: Command = arguments.command
     if arguments.needs_server and (missing := unmet()) is not None:
-        return _failed(missing)
+        return failed(missing)
     try:
         return command(arguments)
     except ValidationError as error:
-        return _failed(_explain(error))
+        return failed(_explain(error))
     except (DomainError, OSError) as error:
-        return _failed(str(error))
+        return failed(str(error))
     except KeyboardInterrupt:
         return FAILED
-
-
-def _failed(message: str) -> int:
-    print(f"tidemap: {message}", file=sys.stderr)
-    return FAILED
 
 
 def _explain(error: ValidationError) -> str:
@@ -62,23 +69,25 @@ def parser() -> argparse.ArgumentParser:
     commands = whole.add_subparsers(required=True, metavar="COMMAND")
     _add_serve(commands)
     worker = commands.add_parser("worker", help="do the background work alone, beside servers on the same database")
-    _add_database(worker)
+    add_database(worker)
     worker.set_defaults(command=_worker)
     _add_demo(commands)
     add_files(commands)
     migrate = commands.add_parser("migrate", help="bring the database to this version's schema")
-    _add_database(migrate)
+    add_database(migrate)
+    add_json(migrate)
     migrate.set_defaults(command=_migrate)
     _add_backup(commands)
     _add_verify(commands)
-    _add_keys(commands)
+    add_keys(commands)
+    add_questions(commands)
     add_outbox(commands)
     return whole
 
 
 def _add_serve(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     serve = commands.add_parser("serve", help="run everything: API, pages, viewer, updater")
-    _add_database(serve)
+    add_database(serve)
     serve.add_argument("--host", help="address to listen on (default 127.0.0.1)")
     serve.add_argument("--port", type=int, help="port to listen on (default 8000; 0: any free one)")
     serve.add_argument("--open", action="store_true", default=None, help="listen beyond loopback without keys")
@@ -88,8 +97,7 @@ def _add_serve(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") 
 
 def _add_demo(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     demo = commands.add_parser("demo", help="seed the simulated building through the API and keep its robot running")
-    demo.add_argument("--url", default="http://127.0.0.1:8000", help="the server (default %(default)s)")
-    demo.add_argument("--key", default=os.environ.get("TIDEMAP_KEY"), help="an admin's key (default: TIDEMAP_KEY)")
+    add_server(demo, "an admin")
     demo.add_argument("--no-live", action="store_true", help="end when the three weeks are posted")
     demo.set_defaults(command=_demo)
 
@@ -103,7 +111,8 @@ def _add_backup(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
     )
     backup.add_argument("file", type=Path, metavar="FILE", help="where the copy goes")
     backup.add_argument("--overwrite", action="store_true", help="replace FILE if it is there")
-    _add_database(backup)
+    add_database(backup)
+    add_json(backup)
     backup.set_defaults(command=_backup)
 
 
@@ -114,32 +123,9 @@ def _add_verify(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
         description="Checks everything stored, also beside a running server, and changes nothing. "
         "Exit status: 0 nothing wrong, 1 something wrong, 2 the database cannot be opened.",
     )
-    _add_database(verify)
+    add_database(verify)
     verify.add_argument("--json", action="store_true", help="print one JSON object instead of a line a finding")
     verify.set_defaults(command=_verify)
-
-
-def _add_keys(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    keys = commands.add_parser("keys", help="make, list and revoke API keys")
-    actions = keys.add_subparsers(required=True, metavar="ACTION")
-    create = actions.add_parser("create", help="make a key; its secret is shown this once")
-    create.add_argument("--role", required=True, choices=("robot", "operator", "admin"))
-    create.add_argument("--name", help="whose key it is (default: the role)")
-    create.set_defaults(command=_create_key)
-    listing = actions.add_parser("list", help="list the keys")
-    listing.set_defaults(command=_list_keys)
-    revoke = actions.add_parser("revoke", help="revoke a key")
-    revoke.add_argument("id", type=int)
-    revoke.set_defaults(command=_revoke_key)
-    for each in (create, listing, revoke):
-        _add_database(each)
-        each.add_argument("--json", action="store_true", help="print JSON")
-
-
-def _add_database(command: argparse.ArgumentParser) -> None:
-    where = command.add_mutually_exclusive_group()
-    where.add_argument("--data", type=Path, help="folder of the embedded database (default ./data)")
-    where.add_argument("--database-url", help="postgresql+psycopg://… instead of the embedded database")
 
 
 @contextmanager
@@ -156,37 +142,28 @@ def _progress(what: str, unit: str) -> Iterator[Callable[[int, int], None]]:
         yield show
 
 
-def _settings(arguments: argparse.Namespace) -> "Settings":
-    from tidemap.settings import Settings
-
-    names = Settings.model_fields.keys() & vars(arguments).keys()
-    given = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
-    settings = Settings(**given)
-    log.configure(settings.log_level)
-    return settings
-
-
 def _migrate(arguments: argparse.Namespace) -> int:
     from tidemap.storage.store import migrate_database
 
-    settings = _settings(arguments)
+    settings = settings_of(arguments)
     migrate_database(settings.url)
-    print("The database is up to date.")
+    print(json.dumps({"migrated": True}) if arguments.json else "The database is up to date.")
     return DONE
 
 
 def _backup(arguments: argparse.Namespace) -> int:
     from tidemap.storage.backup import back_up, dump_command
 
-    settings, file = _settings(arguments), arguments.file
+    settings, file = existing_settings(arguments), arguments.file
     if (dump := dump_command(settings.url, file)) is not None:
-        _failed(f"PostgreSQL is backed up with its own program (set PGPASSWORD if it asks for one):\n{dump}")
+        failed(f"PostgreSQL is backed up with its own program (set PGPASSWORD if it asks for one):\n{dump}")
         return WRONG_USAGE
     if file.exists() and not arguments.overwrite:
-        return _failed(f"{file} is there already; choose another name, or say --overwrite.")
+        return failed(f"{file} is there already; choose another name, or say --overwrite.")
     with _progress("Copying", "pages") as show:
         back_up(settings.url, file, show)
-    print(f"{file}: {file.stat().st_size:,} bytes")
+    size = file.stat().st_size
+    print(json.dumps({"file": str(file), "bytes": size}) if arguments.json else f"{file}: {size:,} bytes")
     return DONE
 
 
@@ -204,9 +181,9 @@ def _verify(arguments: argparse.Namespace) -> int:
 
     try:
         with _progress("Verifying", "locations") as show:
-            tally = verify(_settings(arguments).url, report, show)
+            tally = verify(existing_settings(arguments).url, report, show)
     except (DatabaseUnusableError, SchemaVersionError) as error:
-        _failed(str(error))
+        failed(str(error))
         return WRONG_USAGE
     if arguments.json:
         print(json.dumps({**asdict(tally), "findings": [asdict(finding) for finding in findings]}))
@@ -217,6 +194,15 @@ def _verify(arguments: argparse.Namespace) -> int:
 
 
 def _serve(arguments: argparse.Namespace) -> int:
+    from tidemap.server.binding import bind
+
+    settings = settings_of(arguments)
+    # First, for a port in use is said at once: what follows imports for seconds, and may compile for half a minute.
+    with closing(bind(settings.host, settings.port)) as bound:
+        return _serve_at(bound, settings, arguments.demo)
+
+
+def _serve_at(bound: socket, settings: "Settings", demo: bool) -> int:
     from tidemap.server.memory import tune_malloc
     from tidemap.server.serving import ServeOptions, serve
     from tidemap.services.context import open_context
@@ -224,17 +210,16 @@ def _serve(arguments: argparse.Namespace) -> int:
     from tidemap.storage.store import prepare_database
     from tidemap_web.site import pages
 
-    settings = _settings(arguments)
     # Before there are threads: each would have a heap of its own.
     tune_malloc()
     prepare_database(settings.url)
     with open_context(settings) as ctx:
         if not settings.keyless and not list_keys(ctx):
-            return _failed(
+            return failed(
                 f"no key exists, so this server listens on loopback only, not on {settings.host}. Make one with "
                 "'tidemap keys create --role admin', or say --open if a gateway before it checks who asks."
             )
-        return serve(ctx, ServeOptions(demo=arguments.demo), pages)
+        return serve(ctx, bound, ServeOptions(demo), pages)
 
 
 def _worker(arguments: argparse.Namespace) -> int:
@@ -243,7 +228,7 @@ def _worker(arguments: argparse.Namespace) -> int:
     from tidemap.services.context import open_context
     from tidemap.storage.store import prepare_database
 
-    settings = _settings(arguments)
+    settings = existing_settings(arguments)
     tune_malloc()
     prepare_database(settings.url)
     with open_context(settings) as ctx, periodic_trim():
@@ -266,50 +251,7 @@ def _demo(arguments: argparse.Namespace) -> int:
             if not arguments.no_live:
                 live.run(client, Event())
     except ServerError as error:
-        return _failed(str(error))
-    return DONE
-
-
-def _create_key(arguments: argparse.Namespace) -> int:
-    from tidemap.api.views.keys import new_key_view
-    from tidemap.services.context import open_context
-    from tidemap.services.keys import create_key
-    from tidemap.storage.store import prepare_database
-
-    settings = _settings(arguments)
-    prepare_database(settings.url)
-    with open_context(settings) as ctx:
-        key = create_key(ctx, arguments.name or arguments.role, arguments.role)
-    if arguments.json:
-        print(new_key_view(key).model_dump_json())
-    else:
-        print(key.key)
-        print(f"Key {key.id} ({key.name}, {key.role}). This secret is shown this once.", file=sys.stderr)
-    return DONE
-
-
-def _list_keys(arguments: argparse.Namespace) -> int:
-    from tidemap.api.views.keys import key_view
-    from tidemap.services.context import open_context
-    from tidemap.services.keys import list_keys
-
-    with open_context(_settings(arguments)) as ctx:
-        keys = list_keys(ctx)
-    if arguments.json:
-        print(json.dumps([key_view(key).model_dump(mode="json") for key in keys]))
-        return DONE
-    for key in keys:
-        print(f"{key.id}\t{key.role}\t{key.prefix}…\t{key.name}")
-    return DONE
-
-
-def _revoke_key(arguments: argparse.Namespace) -> int:
-    from tidemap.services.context import open_context
-    from tidemap.services.keys import delete_key
-
-    with open_context(_settings(arguments)) as ctx:
-        delete_key(ctx, arguments.id)
-    print(json.dumps({"revoked": arguments.id}) if arguments.json else f"Key {arguments.id} is revoked.")
+        return failed(str(error))
     return DONE
 
 

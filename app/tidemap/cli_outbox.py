@@ -7,13 +7,12 @@ from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
 
-from tidemap.client.errors import OutboxError
-from tidemap.client.outbox.file import prepare
-from tidemap.client.outbox.store import OutboxStore, Refused
-from tidemap.client.requests import name_of, path_of
+if TYPE_CHECKING:
+    from tidemap.client.outbox.store import OutboxStore, Refused
 
-Action = Callable[[OutboxStore, argparse.Namespace], None]
+Action: TypeAlias = "Callable[[OutboxStore, argparse.Namespace], None]"
 
 
 def add_outbox(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -42,6 +41,8 @@ def _add(
 
 def _command(action: Action) -> Callable[[argparse.Namespace], int]:
     def run(arguments: argparse.Namespace) -> int:
+        from tidemap.client.errors import OutboxError
+
         try:
             with _opened(arguments.file) as store:
                 action(store, arguments)
@@ -54,8 +55,12 @@ def _command(action: Action) -> Callable[[argparse.Namespace], int]:
 
 
 @contextmanager
-def _opened(file: Path) -> Iterator[OutboxStore]:
+def _opened(file: Path) -> Iterator["OutboxStore"]:
     """The outbox in a file that is there. Raises OutboxError."""
+    from tidemap.client.errors import OutboxError
+    from tidemap.client.outbox.file import prepare
+    from tidemap.client.outbox.store import OutboxStore
+
     if not file.is_file():
         raise OutboxError(f"{file}: there is no such file; name the outbox as the client does")
     prepare(file.absolute())
@@ -63,7 +68,7 @@ def _opened(file: Path) -> Iterator[OutboxStore]:
         yield store
 
 
-def _list(store: OutboxStore, arguments: argparse.Namespace) -> None:
+def _list(store: "OutboxStore", arguments: argparse.Namespace) -> None:
     refused, pending = store.refused(), store.pending()
     if arguments.json:
         print(json.dumps({"pending": asdict(pending), "refused": [asdict(each) for each in refused]}))
@@ -73,20 +78,24 @@ def _list(store: OutboxStore, arguments: argparse.Namespace) -> None:
     print(f"{len(refused)} refused, {pending.batches} waiting")
 
 
-def _line(refused: Refused) -> str:
+def _line(refused: "Refused") -> str:
+    from tidemap.client.requests import name_of
+
     return f"{refused.id}\t{name_of(refused.path)}\t{refused.measurements} measurements\t{refused.error}"
 
 
-def _retry(store: OutboxStore, arguments: argparse.Namespace) -> None:
+def _retry(store: "OutboxStore", arguments: argparse.Namespace) -> None:
     for number in arguments.id or [each.id for each in store.refused()]:
         store.retry(number)
 
 
-def _move(store: OutboxStore, arguments: argparse.Namespace) -> None:
+def _move(store: "OutboxStore", arguments: argparse.Namespace) -> None:
+    from tidemap.client.requests import path_of
+
     for number in arguments.id:
         store.move(number, path_of(arguments.location))
 
 
-def _drop(store: OutboxStore, arguments: argparse.Namespace) -> None:
+def _drop(store: "OutboxStore", arguments: argparse.Namespace) -> None:
     for number in arguments.id:
         store.discard(number)

@@ -1,6 +1,7 @@
 """What can go wrong, in the words of the domain. These classes know no HTTP: `tidemap.api.errors` maps them."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 MAX_ERRORS = 100
 """Fields that one error names; a body may have a million wrong ones."""
@@ -88,6 +89,26 @@ class KeyNotFoundError(NotFoundError):
         super().__init__(f"There is no key {key_id}. GET /keys lists them.")
 
 
+class WebhookNotFoundError(NotFoundError):
+    """No webhook has this id."""
+
+    code = "webhook-not-found"
+    title = "Webhook not found"
+
+    def __init__(self, webhook_id: object) -> None:
+        super().__init__(f"There is no webhook {webhook_id}. GET /webhooks lists them.")
+
+
+class DeliveryNotFoundError(NotFoundError):
+    """No delivery of a webhook has this id."""
+
+    code = "delivery-not-found"
+    title = "Delivery not found"
+
+    def __init__(self, delivery_id: object) -> None:
+        super().__init__(f"There is no delivery {delivery_id} of this webhook. GET its deliveries to list them.")
+
+
 class ConflictError(DomainError):
     """The request is sound but does not fit what is stored."""
 
@@ -129,6 +150,33 @@ class NoModelError(ConflictError):
             f"Location {name!r} has no model yet: post observations, then POST /locations/{name}/update "
             "(or wait for the background updater)."
         )
+
+
+class TooManyWebhooksError(ConflictError):
+    """There are as many webhooks as there may be."""
+
+    code = "too-many-webhooks"
+    title = "Too many webhooks"
+
+    def __init__(self, most: int) -> None:
+        super().__init__(f"There are {most} webhooks already. Delete one that nobody needs.")
+
+
+class SecretFileError(ConflictError):
+    """The file with the key that signatures are made with cannot be used."""
+
+    code = "secret-file"
+    title = "No key to sign with"
+
+    def __init__(self, path: Path, why: str) -> None:
+        super().__init__(f"Nothing can be signed with the key in {path.name} (TIDEMAP_SECRET_FILE): {why}.")
+
+
+class DestinationError(DomainError):
+    """A webhook may not be sent where its URL leads, or that is nowhere."""
+
+    code = "destination"
+    title = "No such destination"
 
 
 class JobFinishedError(ConflictError):
@@ -237,6 +285,13 @@ class ForbiddenError(DomainError):
     title = "Not allowed"
 
 
+class OutOfScopeError(ForbiddenError):
+    """A known key that is limited to other locations."""
+
+    code = "out-of-scope"
+    title = "Another location"
+
+
 class OtherSiteError(DomainError):
     """A page of another site asks in the name of the person who looks at it."""
 
@@ -264,6 +319,16 @@ class RateLimitError(BusyError):
             "in one post; nothing was stored."
         )
         self.retry_after_s = retry_after_s
+
+
+class KeyChangedError(BusyError):
+    """The key was changed between the first look at it and this request, and is valid."""
+
+    code = "key-changed"
+    title = "Key changed"
+
+    def __init__(self) -> None:
+        super().__init__("An admin has just changed this key. Send this again; nothing was stored.")
 
 
 class AskerLeftError(DomainError):

@@ -149,7 +149,19 @@ class Settings(BaseSettings):
         description="Memory for Arrow answers about whole maps, 10 bytes a cell; the next question about a map only "
         "writes anew what changes.",
     )
-    socket_queue: int = Field(256, gt=0, description="Events a WebSocket reader may lag behind before it is dropped.")
+    socket_queue: int = Field(
+        256,
+        gt=0,
+        description="Events a reader of the WebSocket or the event stream may lag behind before it is dropped.",
+    )
+    webhooks_private: bool = Field(
+        False, description="Let webhooks go to private and loopback addresses, and without https."
+    )
+    secret_file: Path | None = Field(
+        None,
+        description="File with the key that secrets of webhooks are derived from, made with the first webhook; by "
+        "default `secret.key` in `data`. Servers of one database share it. Keep a copy, apart from the database's.",
+    )
     viewer: bool = Field(True, description="Run the 3D viewer.")
     log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="How much to log.")
 
@@ -168,6 +180,11 @@ class Settings(BaseSettings):
     def body_limit(self, media_type: str) -> int:
         """Largest body of a media type in bytes."""
         return min(self.max_body_bytes, self.max_json_bytes) if media_type == JSON else self.max_body_bytes
+
+    @property
+    def secret_path(self) -> Path:
+        """Where the key that secrets are derived from lies."""
+        return self.secret_file or self.data / "secret.key"
 
     @property
     def url(self) -> str:

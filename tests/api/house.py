@@ -119,7 +119,11 @@ class Api:
 
     def everything(self) -> dict[str, Any]:
         """All that is stored and listed, to tell that a refused request left no trace."""
-        return {path: done(self.get(f"{path}?limit=1000")) for path in ("/locations", "/jobs", "/anomalies", "/keys")}
+        paths = ("/locations", "/jobs", "/anomalies", "/keys", "/webhooks", "/audit")
+        found = {path: done(self.get(f"{path}?limit=1000")) for path in paths}
+        # A key is used by asking, too.
+        found["/keys"]["items"] = [{**key, "last_used_at": None} for key in found["/keys"]["items"]]
+        return found
 
 
 @contextmanager

@@ -7,46 +7,7 @@ from typing import Any
 import pytest
 
 from tests.api.house import HOUR, NOW, Api, done, open_house, problem
-
-ROLES = ("robot", "operator", "admin")
-LOCATION = {"interval_s": 3600}
-
-# method, path, form, roles that may; as API.md has it: robots post, operators read, acknowledge and update.
-TABLE: list[tuple[str, str, Any, set[str]]] = [
-    ("POST", "/locations", {"name": "new-{role}", **LOCATION}, {"admin"}),
-    ("GET", "/locations", None, {"operator", "admin"}),
-    ("GET", "/locations/door", None, {"operator", "admin"}),
-    ("PATCH", "/locations/door", {"confidence": 0.8}, {"admin"}),
-    ("DELETE", "/locations/spare-{role}", None, {"admin"}),
-    ("POST", "/locations/door/observations", {"time": [NOW - 60], "state": [1]}, {"robot", "admin"}),
-    ("DELETE", "/locations/door/observations?start=0&stop=60", None, {"admin"}),
-    ("POST", "/locations/door/scans", {"time": NOW - 60}, {"robot", "admin"}),
-    ("GET", "/locations/door/scans", None, {"operator", "admin"}),
-    ("GET", "/locations/door/scans/1/points", None, {"operator", "admin"}),
-    ("POST", "/locations/door/scans/1/replay", None, {"operator", "admin"}),
-    ("DELETE", "/locations/door/scans/1", None, {"operator", "admin"}),
-    ("POST", "/locations/door/update?wait=30", {}, {"operator", "admin"}),
-    ("GET", "/locations/door/state", None, {"operator", "admin"}),
-    ("POST", "/locations/door/predict", {"time": [NOW]}, {"operator", "admin"}),
-    ("GET", "/locations/door/series", None, {"operator", "admin"}),
-    ("GET", "/locations/door/information?best=1", None, {"operator", "admin"}),
-    ("GET", "/locations/door/export?format=npz", None, {"operator", "admin"}),
-    ("GET", "/locations/door/model", None, {"operator", "admin"}),
-    ("POST", "/locations/door/evaluate", {"orders": [1]}, {"operator", "admin"}),
-    ("GET", "/anomalies", None, {"operator", "admin"}),
-    ("GET", "/locations/door/anomalies", None, {"operator", "admin"}),
-    ("POST", "/locations/door/anomalies/detect", {"start": 0, "stop": NOW}, {"operator", "admin"}),
-    ("GET", "/locations/door/confidence", None, {"operator", "admin"}),
-    ("GET", "/anomalies/1", None, {"operator", "admin"}),
-    ("POST", "/anomalies/1/acknowledge", {}, {"operator", "admin"}),
-    ("GET", "/jobs", None, {"operator", "admin"}),
-    ("GET", "/jobs/1", None, {"operator", "admin"}),
-    ("DELETE", "/jobs/1", None, {"operator", "admin"}),
-    ("GET", "/keys", None, {"admin"}),
-    ("POST", "/keys", {"name": "another", "role": "robot"}, {"admin"}),
-    ("DELETE", "/keys/999", None, {"admin"}),
-]
-IDS = [f"{method} {path}" for method, path, _, _ in TABLE]
+from tests.api.routes import IDS, LOCATION, ROLES, TABLE, ask, bearer
 
 
 @pytest.fixture(scope="module")
@@ -65,17 +26,6 @@ def locked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Api, dict
             form = {"name": f"the {role}", "role": role}
             secrets[role] = done(api.post("/keys", form, headers=bearer(admin)), 201)["key"]
         yield api, secrets
-
-
-def bearer(secret: str) -> dict[str, str]:
-    return {"Authorization": f"Bearer {secret}"}
-
-
-def ask(api: Api, method: str, path: str, form: Any, role: str, **how: Any) -> Any:
-    body = (
-        {} if form is None else {"json": {k: str(v).format(role=role) if k == "name" else v for k, v in form.items()}}
-    )
-    return api.request(method, path.format(role=role), **body, **how)
 
 
 @pytest.mark.parametrize(("method", "path", "form", "allowed"), TABLE, ids=IDS)
@@ -164,13 +114,16 @@ def test_a_refused_post_is_not_even_read(locked: Any) -> None:
 def test_a_secret_is_shown_once_and_stored_nowhere(locked: Any, tmp_path: Path) -> None:
     with open_house(tmp_path) as api:
         made = done(api.post("/keys", {"name": "r2", "role": "admin"}), 201)
-        assert set(made) == {"id", "name", "role", "prefix", "created_at", "key"}
+        unset = {"locations", "expires_at", "last_used_at"}
+        assert set(made) == {"id", "name", "role", "prefix", "created_at", "key"} | unset
+        assert {made[name] for name in unset} == {None}
         assert made["key"].startswith("tm_")
         assert len(made["key"]) > 40
         assert made["key"].startswith(made["prefix"])
         assert len(made["prefix"]) < 12
         (listed,) = done(api.get("/keys", headers=bearer(made["key"])))["items"]
-        assert listed == {name: value for name, value in made.items() if name != "key"}
+        shown = {name: value for name, value in made.items() if name != "key"}
+        assert {**listed, "last_used_at": None} == shown
         files = b"".join(path.read_bytes() for path in tmp_path.iterdir())
         assert listed["name"].encode() in files
         assert made["key"].encode() not in files
@@ -294,6 +247,12 @@ def test_beyond_loopback_the_last_key_leaves_a_closed_door(tmp_path: Path) -> No
         ({"name": "a\0b", "role": "robot"}, "name"),
         ({"name": 3, "role": "robot"}, "name"),
         ({"name": "a", "role": "robot", "key": "tm_mine"}, "key"),
+        ({"name": "a", "role": "robot", "locations": []}, "locations"),
+        ({"name": "a", "role": "robot", "locations": ["*"]}, "locations[0]"),
+        ({"name": "a", "role": "robot", "locations": ["a", "b*c"]}, "locations[1]"),
+        ({"name": "a", "role": "robot", "locations": ["a"] * 101}, "locations"),
+        ({"name": "a", "role": "robot", "expires_at": NOW - 1}, "expires_at"),
+        ({"name": "a", "role": "robot", "expires_at": "tomorrow"}, "expires_at"),
     ],
 )
 def test_wrong_forms(api: Api, form: Any, field: str) -> None:

@@ -42,9 +42,20 @@ CONTRACT = {
     ("post", "/locations/{name}/anomalies/detect"): {"200"},
     ("get", "/anomalies/{}"): {"200"},
     ("post", "/anomalies/{}/acknowledge"): {"200"},
+    ("get", "/events"): {"200"},
     ("get", "/keys"): {"200"},
     ("post", "/keys"): {"201"},
+    ("post", "/keys/{}/rotate"): {"201"},
     ("delete", "/keys/{}"): {"204"},
+    ("get", "/audit"): {"200"},
+    ("get", "/webhooks"): {"200"},
+    ("post", "/webhooks"): {"201"},
+    ("get", "/webhooks/{}"): {"200"},
+    ("patch", "/webhooks/{}"): {"200"},
+    ("delete", "/webhooks/{}"): {"204"},
+    ("post", "/webhooks/{}/test"): {"200"},
+    ("get", "/webhooks/{}/deliveries"): {"200"},
+    ("post", "/webhooks/{}/deliveries/{}/retry"): {"200"},
 }
 PARAMETERS = {
     ("get", "/locations"): {"limit", "after"},
@@ -70,6 +81,7 @@ PARAMETERS = {
     ("get", "/locations/{name}/confidence"): {"false_alarms_per_week", "rule"},
     ("get", "/jobs"): {"limit", "after"},
     ("get", "/jobs/{}"): {"wait"},
+    ("get", "/events"): {"location", "kind", "after", "Last-Event-ID"},
     ("get", "/keys"): {"limit", "after"},
     ("get", "/anomalies"): {"after", "limit", "start", "stop", "min_surprise", "acknowledged"},
     ("get", "/locations/{name}/anomalies"): {"after", "limit", "start", "stop", "min_surprise", "acknowledged"},
@@ -200,7 +212,7 @@ def examples(document: Any, media: dict[str, Any]) -> list[Any]:
 
 def test_every_body_has_examples(document: Any) -> None:
     found = {(method, path): examples(document, media) for method, path, media in bodies(document)}
-    assert len(found) == 10
+    assert len(found) == 12
     assert not [route for route, shown in found.items() if not shown]
 
 
@@ -217,6 +229,11 @@ def test_every_example_of_a_body_is_accepted(document: Any, api: Api) -> None:
             if path == "/locations/{name}" and method == "patch":
                 location = api.location()
             address = path.replace("{name}", location).replace("{anomaly_id}", str(event["id"]))
+            if "{key_id}" in path:
+                continue  # a key ends what is open here: tests/api/test_limited_keys.py
+            if "{webhook_id}" in path:
+                made = done(api.post("/webhooks", {"url": "https://alarms.example.org"}), 201)
+                address = path.replace("{webhook_id}", str(made["id"]))
             answer = api.request(method.upper(), address, json=example)
             assert answer.status_code in (200, 201, 202), (path, example, answer.text)
             if path == "/keys":

@@ -1,16 +1,20 @@
 """What commands end with and say: 0 done, 1 failed, 2 wrong usage. Run in this process, for they are many."""
 
 import sqlite3
+import subprocess
+import sys
 from contextlib import closing
 from pathlib import Path
 
 import pytest
 
 from tests.support.here import command
-from tests.support.server import ServerProcess
+from tests.support.paths import ROOT
+from tests.support.server import ServerProcess, clean_environment
 
 
 def test_a_secret_alone_is_on_the_output_for_scripts(tmp_path: Path) -> None:
+    assert command("migrate", "--data", str(tmp_path)).returncode == 0
     done = command("keys", "create", "--role", "operator", "--data", str(tmp_path))
     assert done.returncode == 0
     assert done.stdout.startswith("tm_")
@@ -21,12 +25,19 @@ def test_a_secret_alone_is_on_the_output_for_scripts(tmp_path: Path) -> None:
 class TestBeyondLoopback:
     """Without keys the server listens to others only where it is told that somebody else checks them."""
 
-    @pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.0.2.1", "example.org"])
+    @pytest.mark.parametrize("host", ["0.0.0.0", "::"])
     def test_it_refuses(self, tmp_path: Path, host: str) -> None:
         refused = command("serve", "--host", host, "--port", "0", "--data", str(tmp_path))
         assert (refused.returncode, refused.stdout) == (1, "")
         assert "tidemap keys create" in refused.stderr
         assert "--open" in refused.stderr
+
+    @pytest.mark.parametrize("host", ["192.0.2.1", "example.invalid"])
+    def test_an_address_of_another_machine_is_named(self, tmp_path: Path, host: str) -> None:
+        refused = command("serve", "--host", host, "--port", "0", "--data", str(tmp_path / "data"))
+        assert (refused.returncode, refused.stdout) == (1, "")
+        assert f"cannot listen on {host}" in refused.stderr
+        assert list(tmp_path.iterdir()) == []
 
     def test_by_environment_it_refuses_too(self, tmp_path: Path) -> None:
         env = {"TIDEMAP_HOST": "0.0.0.0", "TIDEMAP_PORT": "0", "TIDEMAP_DATA": str(tmp_path)}
@@ -48,6 +59,13 @@ class TestExitStatus:
             ("keys", "create", "--role", "king"),
             ("keys", "revoke"),
             ("keys", "revoke", "x"),
+            ("keys", "rotate"),
+            ("keys", "create", "--role", "robot", "--expires", "tomorrow"),
+            ("locations",),
+            ("locations", "delete", "door"),
+            ("locations", "rename", "door"),
+            ("anomalies", "--start", "yesterday"),
+            ("update",),
             ("serve", "--data", "a", "--database-url", "b"),
         ],
         ids=" ".join,
@@ -87,9 +105,24 @@ class TestExitStatus:
         assert len(done.stderr) < 1000
 
     def test_a_port_that_is_taken(self, shared_server: ServerProcess, tmp_path: Path) -> None:
-        done = command("serve", "--port", str(shared_server.port), "--data", str(tmp_path))
+        done = command("serve", "--port", str(shared_server.port), "--data", str(tmp_path / "data"))
         assert done.returncode == 1
         assert f"port {shared_server.port}" in done.stderr
+        assert list(tmp_path.iterdir()) == []
+
+    def test_a_port_is_taken_before_anything_large_is_imported(self) -> None:
+        """So that one in use is said at once: the rest is seconds of imports, and half a minute of compiling."""
+        code = (
+            "import socket, sys\nfrom tidemap.cli import main\n"
+            "port = socket.create_server(('127.0.0.1', 0))\n"
+            "status = main(['serve', '--port', str(port.getsockname()[1])])\n"
+            "large = {'numpy', 'numba', 'scipy', 'fastapi', 'sqlalchemy', 'httpx', 'viser'} & sys.modules.keys()\n"
+            "print(status, sorted(large))"
+        )
+        done = subprocess.run(
+            [sys.executable, "-c", code], cwd=ROOT, env=clean_environment(), capture_output=True, text=True, check=True
+        )
+        assert done.stdout == "1 []\n"
 
     def test_a_folder_that_cannot_be(self, tmp_path: Path) -> None:
         (tmp_path / "file").write_text("")
@@ -130,7 +163,23 @@ class TestMigrate:
             assert done.returncode == 1
             assert "database" in done.stderr
 
-    def test_listing_keys_before_there_is_a_database(self, tmp_path: Path) -> None:
-        done = command("keys", "list", "--data", str(tmp_path / "none"))
-        assert done.returncode == 1
+    @pytest.mark.parametrize(
+        ("words", "status"),
+        [
+            (("keys", "list"), 1),
+            (("keys", "create", "--role", "admin"), 1),
+            (("keys", "rotate", "1"), 1),
+            (("keys", "revoke", "1"), 1),
+            (("verify",), 2),
+            (("backup", "copy.db"), 1),
+            (("worker",), 1),
+        ],
+        ids=str,
+    )
+    def test_a_folder_that_is_not_there_is_not_made(self, tmp_path: Path, words: tuple[str, ...], status: int) -> None:
+        missing = tmp_path / "typo"
+        done = command(*words, "--data", str(missing))
+        assert (done.returncode, done.stdout) == (status, "")
+        assert str(missing / "tidemap.db") in done.stderr
         assert "tidemap migrate" in done.stderr
+        assert list(tmp_path.iterdir()) == []

@@ -7,10 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import pytest
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
 
 from tests.support.here import command
 from tests.support.paths import ROOT
 from tests.support.server import ServerProcess, StartServer, clean_environment
+from tests.support.server_sent import event_source
 from tests.support.waiting import WAIT_S
 
 
@@ -65,6 +69,10 @@ def test_keys_are_made_listed_and_revoked_while_the_server_runs(server: StartSer
 
 def test_keys_on_postgresql(server: StartServer, postgres: Any) -> None:
     url = postgres.url(postgres.create())
+    empty = command("keys", "create", "--role", "admin", "--database-url", url)
+    assert (empty.returncode, empty.stdout) == (1, "")
+    assert "tidemap migrate" in empty.stderr
+    assert command("migrate", "--database-url", url).returncode == 0
     made = make_key(("--database-url", url), "admin")
     running = server(database_url=url, env={"TIDEMAP_VIEWER": "false"})
     assert get(running, "/api/v1/locations") == 401
@@ -80,6 +88,7 @@ class TestBeyondLoopback:
 
     def test_with_a_key_it_listens_and_stays_closed(self, tmp_path: Path) -> None:
         where = ("--data", str(tmp_path))
+        assert command("migrate", *where).returncode == 0
         key = make_key(where, "admin")
         with Serving("--host", "0.0.0.0", *where) as url:
 
@@ -112,3 +121,46 @@ class Serving:
         assert self._process.stdout is not None
         self._process.stdout.close()
         assert self._process.wait(WAIT_S) == 0
+
+
+def test_keys_that_are_limited_rotated_and_noted(server: StartServer) -> None:
+    running = server(env={"TIDEMAP_VIEWER": "false"})
+    where = ("--data", str(running.data))
+    admin = make_key(where, "admin")
+    limited = make_key(
+        where, "operator", "--location", "hall", "--location", "yard-*", "--expires", "2100-01-01T00:00Z"
+    )
+    assert limited["locations"] == ["hall", "yard-*"]
+    assert limited["expires_at"] == "2100-01-01T00:00:00Z"
+    new = json.loads(command("keys", "rotate", str(limited["id"]), *where, "--overlap", "0", "--json").stdout)
+    assert get(running, "/api/v1/locations", limited["key"]) == 401
+    assert get(running, "/api/v1/locations", new["key"]) == 200
+    assert get(running, "/api/v1/locations/door", new["key"]) == 403
+    assert "hall yard-* until 2100-01-01T00:00:00Z" in command("keys", "list", *where).stdout
+    for wrong in (("--location", "*"), ("--location", "a b"), ("--expires", "1999-01-01T00:00Z")):
+        done = command("keys", "create", "--role", "robot", *where, *wrong)
+        assert (done.returncode, done.stdout) == (1, "")
+        assert "Traceback" not in done.stderr
+    headers = bearer(admin["key"])
+    entries = httpx.get(f"{running.url}/api/v1/audit", headers=headers, trust_env=False).json()["items"]
+    assert [each["action"] for each in entries] == ["tidemap keys rotate", *["tidemap keys create"] * 2]
+    assert all(each["actor"].endswith("on the command line") for each in entries)
+
+
+def test_streams_and_sockets_end_when_their_key_expires(server: StartServer) -> None:
+    running = server(env={"TIDEMAP_VIEWER": "false"})
+    where = ("--data", str(running.data))
+    key = make_key(where, "operator")
+    headers = bearer(key["key"])
+    address = f"ws://127.0.0.1:{running.port}/api/v1/events"
+    with (
+        event_source(running.url, headers=headers) as source,
+        connect(address, additional_headers=headers, proxy=None) as socket,
+    ):
+        # With an overlap both go on; then the key ends.
+        assert command("keys", "rotate", str(key["id"]), *where, "--overlap", "3").returncode == 0
+        assert list(source) == []
+        with pytest.raises(ConnectionClosed) as closed:
+            socket.recv(timeout=WAIT_S)
+        assert closed.value.rcvd is not None
+        assert closed.value.rcvd.code == 4401

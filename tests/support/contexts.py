@@ -28,8 +28,9 @@ from tidemap.workers.compactor import Compactor
 from tidemap.workers.election import LeaderElection
 from tidemap.workers.updater import Updater
 from tidemap.workers.watcher import Watcher
+from tidemap.workers.webhooks import WebhookSender
 
-AtWork = TypeVar("AtWork", LeaderElection, Updater, Compactor, Watcher)
+AtWork = TypeVar("AtWork", LeaderElection, Updater, Compactor, Watcher, WebhookSender)
 NOW = 1_700_000_000.0
 """A Tuesday, 22:13:20 UTC."""
 EVER_S = 1e11

@@ -85,7 +85,7 @@ def test_the_command_exists(final: dict[str, str]) -> None:
 def test_the_commands_of_the_instructions_exist() -> None:
     in_container = re.compile(r"docker (?:compose run --rm server|run .*? tidemap) ([a-z].*)")
     shown = [found[1] for line in code_lines(ROOT / "docker" / "README.md") if (found := in_container.match(line))]
-    assert len(shown) == 3
+    assert len(shown) == 5
     for command in shown:
         assert not refusal(parser(), command.split()), command
 

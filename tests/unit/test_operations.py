@@ -8,7 +8,7 @@ from prometheus_client import generate_latest
 from docs.settings_table import PAGE, page
 from tests.support.documents import spans
 from tests.support.paths import ROOT
-from tidemap.api.metrics import RequestMetrics, make_registry
+from tidemap.api.metrics import Listeners, RequestMetrics, make_registry
 from tidemap.services.context import Context
 
 
@@ -18,11 +18,12 @@ def test_the_table_is_that_of_the_settings() -> None:
 
 def test_its_metrics_exist(ctx: Context) -> None:
     registry = make_registry(ctx)
+    Listeners(registry)
     RequestMetrics(None, registry)  # type: ignore[arg-type]
     known = set(re.findall(r"^# TYPE (\w+)", generate_latest(registry).decode(), re.MULTILINE))
     told = {span for span in spans(PAGE) if span.startswith("tidemap_")}
     assert told <= known
-    assert len(told) == 6
+    assert len(told) == 8
 
 
 def test_its_log_lines_exist() -> None:

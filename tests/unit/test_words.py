@@ -133,7 +133,8 @@ def test_plain_english(path: Path) -> None:
 
 @pytest.mark.parametrize("page", pages(), ids=name)
 def test_one_word_per_thing_in_prose(page: Path) -> None:
-    assert not PROSE.search(page.read_text()), PROSE.search(page.read_text())
+    prose = re.sub(r"`[^`\n]*`", "", page.read_text())
+    assert not PROSE.search(prose), PROSE.search(prose)
 
 
 def test_no_class_name_stands_twice() -> None:

@@ -13,10 +13,22 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import HTTPConnection
 
 from tidemap.api.limits import Limits, Senders
+from tidemap.api.scopes import check_scope
 from tidemap.api.state import state_of
-from tidemap.errors import DomainError, ForbiddenError, OtherSiteError, UnauthorizedError
+from tidemap.errors import DomainError, ForbiddenError, KeyChangedError, OtherSiteError, UnauthorizedError
 from tidemap.services.context import Context
-from tidemap.services.keys import OPEN, Claim, Principal, Role, allows, by_secret, by_session, digest_of, is_open
+from tidemap.services.keys import (
+    OPEN,
+    Claim,
+    Principal,
+    Role,
+    allows,
+    by_secret,
+    by_session,
+    digest_of,
+    is_open,
+    note_use,
+)
 from tidemap.settings import Settings, is_loopback
 
 Answer = TypeVar("Answer")
@@ -41,7 +53,22 @@ def authenticate(connection: HTTPConnection) -> Principal:
 
 
 def require(role: Role) -> Callable[[Request], Principal]:
-    """A dependency: who asks, if their role allows what `role` may."""
+    """A dependency: who asks, if their role allows what `role` may and what the path names is in their scope.
+
+    Who may see some locations only may do nothing at a path that names none: that is for all of them.
+    """
+
+    def check(request: Request) -> Principal:
+        principal = authenticate(request)
+        _check_role(principal, role)
+        check_scope(request, principal)
+        return principal
+
+    return check
+
+
+def require_filtering(role: Role) -> Callable[[Request], Principal]:
+    """A dependency as `require`, of a route that itself shows only what is in the scope of who asks."""
 
     def check(request: Request) -> Principal:
         principal = authenticate(request)
@@ -77,6 +104,12 @@ def _look_up(connection: HTTPConnection) -> Principal:
     return OPEN if is_open(ctx) else by_session(ctx, connection.cookies.get(COOKIE, ""))
 
 
+def _is_over(request: Request, principal: Principal) -> bool:
+    """Whether a key has expired."""
+    ctx: Context = state_of(request).ctx
+    return principal.expires_at is not None and principal.expires_at <= ctx.clock()
+
+
 def _check_role(principal: Principal, role: Role) -> None:
     if not allows(principal.role, role):
         raise ForbiddenError(f"The key {principal.name!r} has role {principal.role}; this needs {role} or admin.")
@@ -86,6 +119,8 @@ def _count(connection: HTTPConnection, principal: Principal) -> None:
     """Count a request. Raises RateLimitError."""
     if principal.key_id is not None:
         _limits(connection).requests.take(f"key {principal.key_id}")
+        if _limits(connection).uses.due(principal.key_id):
+            note_use(state_of(connection).ctx, principal.key_id)
     elif not is_loopback(_settings(connection).host):
         _limits(connection).requests.take(_address(connection))
 
@@ -109,7 +144,7 @@ def require_sender(role: Role) -> Callable[[Request], Coroutine[Any, Any, Admiss
         secret = _bearer(request)
         digest = None if secret is None else digest_of(secret)
         claim = None if digest is None and COOKIE in request.cookies else _senders(request).get(digest)
-        if claim is None:
+        if claim is None or _is_over(request, claim.principal):
             principal = await run_in_threadpool(authenticate, request)
             if digest is not None or principal == OPEN:
                 claim = Claim(principal, digest)
@@ -120,6 +155,7 @@ def require_sender(role: Role) -> Callable[[Request], Coroutine[Any, Any, Admiss
                 _refuse_strangers(request)
             _count(request, principal)
         _check_role(principal, role)
+        check_scope(request, principal)
         return Admission(principal, claim)
 
     return check
@@ -141,10 +177,11 @@ async def confirming(request: Request, sender: Admission, answer: Awaitable[Answ
 async def _refuse(request: Request, claim: Claim) -> None:
     """Refuse a claim that is not true any more, counting what its sender sent as every wrong key.
 
-    Raises UnauthorizedError, RateLimitError.
+    Raises UnauthorizedError, RateLimitError, KeyChangedError where the key is valid all the same.
     """
     _senders(request).forget(claim)
-    await run_in_threadpool(authenticate, request)
+    if await run_in_threadpool(authenticate, request) != OPEN:
+        raise KeyChangedError
 
 
 @contextmanager

@@ -4,22 +4,38 @@ from typing import Annotated
 
 from fastapi import Depends, Query, Request
 from pydantic import AfterValidator, BeforeValidator, WithJsonSchema
+from starlette.concurrency import run_in_threadpool
 
-from tidemap.api.auth import Admission, require, require_sender
+from tidemap.api.auth import Admission, authenticate, require, require_filtering, require_sender
 from tidemap.api.bodies import read_body
 from tidemap.api.budget import Share
 from tidemap.api.state import state_of
 from tidemap.errors import InvalidInputError
 from tidemap.formats.registry import Body
 from tidemap.schemas.common import TIME_SCHEMA, Text, parse_time_text
+from tidemap.services.audit import audited
 from tidemap.services.context import Context
 from tidemap.services.keys import Principal
+
+MAX_ID = 2**63 - 1
+BASE = "/api/v1"
 
 
 async def context(request: Request) -> Context:
     """The context of this server. A function that is not async would take a turn in a thread."""
     ctx: Context = state_of(request).ctx
     return ctx
+
+
+Ctx = Annotated[Context, Depends(context)]
+
+
+async def audited_context(request: Request, ctx: Ctx) -> Context:
+    """The context of this server; what a request writes with it comes with an entry of the audit log."""
+    principal = await run_in_threadpool(authenticate, request)
+    action = f"{request.method} {request.scope['route'].path.removeprefix(BASE)}"
+    sent = (await request.body()).decode("utf-8", "replace") or request.url.query
+    return audited(ctx, principal, action, request.url.path.removeprefix(BASE), sent)
 
 
 async def posted_body(request: Request, time: str | None, layout: str | None, share: Share) -> Body:
@@ -60,12 +76,13 @@ def _storable(number: int) -> int:
     return max(-MAX_ID, min(number, MAX_ID))
 
 
-MAX_ID = 2**63 - 1
+Audited = Annotated[Context, Depends(audited_context)]
 Id = Annotated[int, AfterValidator(_storable)]
-Ctx = Annotated[Context, Depends(context)]
 Robot = Annotated[Admission, Depends(require_sender("robot"))]
 Asker = Annotated[Admission, Depends(require_sender("operator"))]
 Operator = Annotated[Principal, Depends(require("operator"))]
+FilteringOperator = Annotated[Principal, Depends(require_filtering("operator"))]
+"""Of routes that show only what is in the scope of who asks."""
 Admin = Annotated[Principal, Depends(require("admin"))]
 TimeQuery = Annotated[str | None, Query(description="Unix seconds, or ISO 8601 with a zone.")]
 RequiredTime = Annotated[float, BeforeValidator(parse_time_text), WithJsonSchema(TIME_SCHEMA)]

@@ -36,7 +36,7 @@ def preferred(request: Request, offered: tuple[str, ...]) -> str:
 def with_etag(request: Request, key: tuple[object, ...], respond: Callable[[], Response]) -> Response:
     """304 when the asker holds this version already, else the response with its ETag."""
     etag = '"' + hashlib.sha256(repr(key).encode()).hexdigest()[:32] + '"'
-    headers = {"ETag": etag, "Cache-Control": "no-cache", "Vary": "Accept, Authorization, Cookie"}
+    headers = {"ETag": etag, "Cache-Control": "private, no-cache", "Vary": "Accept, Authorization, Cookie"}
     known = [each.strip().removeprefix("W/") for each in request.headers.get("if-none-match", "").split(",")]
     if etag in known:
         return Response(status_code=304, headers=headers)

@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from threading import Lock
 
 from cachetools import LRUCache, TTLCache
@@ -13,6 +13,8 @@ from tidemap.services.keys import Claim
 from tidemap.settings import Settings
 
 MAX_NAMES = 10_000
+USED_S = 60.0
+"""How exactly it is known when a key was used last."""
 BELIEVED_S = 60.0
 """How long bodies of a sender are read without asking first who it is; nothing is stored before that is confirmed."""
 
@@ -72,6 +74,22 @@ class Lately:
         return hash(secret) in self._right
 
 
+class Uses:
+    """Which keys were used within the last USED_S: that is noted once in so long. May be shared by threads."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic, most: int = MAX_NAMES) -> None:
+        self._noted: TTLCache[int, None] = TTLCache(most, USED_S, timer=clock)
+        self._lock = Lock()
+
+    def due(self, key_id: int) -> bool:
+        """Whether to note this use; if so, it is taken as noted."""
+        with self._lock:
+            known = key_id in self._noted
+            if not known:
+                self._noted[key_id] = None
+        return not known
+
+
 class Senders:
     """Who posted lately, by the hash of their secret: at most `most`, each for BELIEVED_S. For one event loop."""
 
@@ -102,6 +120,7 @@ class Limits:
     requests: Rate
     wrong_keys: Rate
     right_keys: Lately
+    uses: Uses = field(default_factory=Uses)
 
     @classmethod
     def of(cls, settings: Settings) -> "Limits":

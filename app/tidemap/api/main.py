@@ -8,11 +8,25 @@ from anyio import CapacityLimiter
 from fastapi import FastAPI
 from fastapi.responses import JSONResponse
 
-from tidemap.api import errors, live
+from tidemap.api import dependencies, errors, live
 from tidemap.api.budget import Budget
 from tidemap.api.limits import Limits, Senders
-from tidemap.api.metrics import RequestMetrics, count_refused, make_registry
-from tidemap.api.routers import anomalies, export, health, jobs, keys, locations, maps, observations, scans
+from tidemap.api.metrics import Listeners, RequestMetrics, count_refused, make_registry
+from tidemap.api.privacy import Privacy
+from tidemap.api.routers import (
+    anomalies,
+    audit,
+    events,
+    export,
+    health,
+    jobs,
+    keys,
+    locations,
+    maps,
+    observations,
+    scans,
+    webhooks,
+)
 from tidemap.api.state import AppState
 from tidemap.media_types import PROBLEM
 from tidemap.schemas.common import Problem
@@ -22,8 +36,10 @@ from tidemap.schemas.scans import RangesScan, ScanHeader
 from tidemap.services.context import Context
 from tidemap.version import __version__
 
-BASE = "/api/v1"
-ROUTERS = tuple(each.router for each in (locations, observations, scans, maps, export, anomalies, jobs, keys))
+BASE = dependencies.BASE
+ROUTERS = tuple(
+    each.router for each in (locations, observations, scans, maps, export, anomalies, jobs, keys, audit, webhooks)
+)
 _REASONS = {
     400: "The body cannot be read.",
     401: "A key is needed.",
@@ -87,12 +103,15 @@ def create_app(
         senders=Senders(),
         metrics=metrics,
         refused=count_refused(metrics),
+        listeners=Listeners(metrics),
         long_questions=CapacityLimiter(LONG_QUESTIONS),
     )
+    app.add_middleware(Privacy)
     app.add_middleware(RequestMetrics, registry=metrics)
     errors.install(app)
     for router in ROUTERS:
         app.include_router(router, prefix=BASE, responses=_problems())
+    app.include_router(events.router, prefix=BASE, responses=_problems())
     app.include_router(live.router, prefix=BASE)
     app.include_router(health.router)
     _document(app)

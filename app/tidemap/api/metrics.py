@@ -1,7 +1,8 @@
 """Metrics: requests by route and status, the commit queue, observations and anomalies."""
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from http import HTTPMethod
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
@@ -10,10 +11,15 @@ from prometheus_client.registry import Collector
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from tidemap.events.subscription import EventFilter, listen
+from tidemap.media_types import EVENT_STREAM
 from tidemap.services.context import Context
 
 METHODS = frozenset(HTTPMethod)
 """Methods that get a label of their own; a sender may invent as many others as it likes."""
+
+
+STREAMED = EVENT_STREAM.encode()
+"""Answers without end: how long they took says nothing."""
 
 
 class ContextCollector(Collector):
@@ -48,6 +54,29 @@ def count_refused(registry: CollectorRegistry) -> Counter:
     return Counter("tidemap_refused", "Requests refused for now (429, 503) by problem.", ["problem"], registry=registry)
 
 
+class Listeners:
+    """Who listens to events, by transport (`websocket`, `sse`), and how many were dropped."""
+
+    def __init__(self, registry: CollectorRegistry) -> None:
+        self._open = Gauge("tidemap_listeners", "Open streams of events.", ["transport"], registry=registry)
+        self._dropped = Counter(
+            "tidemap_listeners_dropped", "Readers of events that did not keep up.", ["transport"], registry=registry
+        )
+        for transport in ("websocket", "sse"):
+            self._open.labels(transport)
+            self._dropped.labels(transport)
+
+    @contextmanager
+    def count(self, transport: str) -> Iterator[None]:
+        """One more, until the end of the block."""
+        with self._open.labels(transport).track_inprogress():
+            yield
+
+    def drop(self, transport: str) -> None:
+        """One did not keep up."""
+        self._dropped.labels(transport).inc()
+
+
 class RequestMetrics:
     """ASGI middleware: duration by route, method and status."""
 
@@ -64,17 +93,24 @@ class RequestMetrics:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        started, status = time.perf_counter(), 500
+        started, status, endless = time.perf_counter(), 500, False
 
         async def watch(message: Message) -> None:
-            nonlocal status
+            nonlocal status, endless
             if message["type"] == "http.response.start":
                 status = message["status"]
+                endless = any(
+                    name == b"content-type" and value.startswith(STREAMED) for name, value in message["headers"]
+                )
             await send(message)
 
         try:
             await self._app(scope, receive, watch)
         finally:
-            route = getattr(scope.get("route"), "path", "other")
-            method = scope["method"] if scope["method"] in METHODS else "other"
-            self._duration.labels(method, route, str(status)).observe(time.perf_counter() - started)
+            if not endless:
+                self._note(scope, status, time.perf_counter() - started)
+
+    def _note(self, scope: Scope, status: int, seconds: float) -> None:
+        route = getattr(scope.get("route"), "path", "other")
+        method = scope["method"] if scope["method"] in METHODS else "other"
+        self._duration.labels(method, route, str(status)).observe(seconds)

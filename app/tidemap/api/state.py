@@ -11,6 +11,7 @@ from starlette.requests import HTTPConnection
 
 from tidemap.api.budget import Budget
 from tidemap.api.limits import Limits, Senders
+from tidemap.api.metrics import Listeners
 from tidemap.services.context import Context
 
 
@@ -28,6 +29,7 @@ class AppState:
     senders: Senders
     metrics: CollectorRegistry
     refused: Counter
+    listeners: Listeners
     long_questions: CapacityLimiter
     stopping: Event = field(default_factory=Event)
 

@@ -1,12 +1,12 @@
 """Operations on the server as a whole: locations, anomalies, jobs and keys."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Generic, Literal, TypeAlias, TypeVar
 
 from tidemap.client.operation import Resource, operation, paged
 from tidemap.client.plans import F, Listing, Plan, Request, ask
 from tidemap.client.requests import post, present
-from tidemap.client.times import TimeLike
+from tidemap.client.times import TimeLike, unix
 from tidemap.schemas.anomalies import Event, EventDetail
 from tidemap.schemas.common import Page
 from tidemap.schemas.jobs import Job
@@ -168,9 +168,23 @@ class KeyOperations(Entries[Key]):
     page = Page[Key]
 
     @operation
-    def create(self, name: str, role: Role) -> Plan[NewKey]:
-        """A new key with its secret, which is told this once only."""
-        return ask(NewKey, post(self.path, {"name": name, "role": role}, repeatable=False))
+    def create(
+        self, name: str, role: Role, *, locations: Sequence[str] | None = None, expires_at: TimeLike | None = None
+    ) -> Plan[NewKey]:
+        """A new key with its secret, which is shown this once only.
+
+        `locations` are names, or what names begin with and a `*`; None: all.
+        """
+        limits = present(
+            locations=None if locations is None else [*locations],
+            expires_at=None if expires_at is None else unix(expires_at),
+        )
+        return ask(NewKey, post(self.path, {"name": name, "role": role, **limits}, repeatable=False))
+
+    @operation
+    def rotate(self, key_id: int, overlap_s: float = 86400.0) -> Plan[NewKey]:
+        """Another key like this one, which itself expires after `overlap_s` seconds."""
+        return ask(NewKey, post(f"{self.path}/{key_id}/rotate", {"overlap_s": overlap_s}, repeatable=False))
 
     @operation
     def delete(self, key_id: int) -> Plan[None]:

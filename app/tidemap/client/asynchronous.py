@@ -136,7 +136,7 @@ class AsyncClient(ClientOperations[AsyncLocationHandle[R]], Awaited, Generic[R])
             error: Exception | None = None
             try:
                 async with connect(**feed.arguments()) as socket:
-                    feed.connected()
+                    feed.connected(socket.response.headers if socket.response else {})
                     async for text in socket:
                         yield feed.read(text)
             except BROKEN as broken:

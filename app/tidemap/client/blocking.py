@@ -141,7 +141,7 @@ class Client(ClientOperations[LocationHandle[R]], Blocking, Generic[R]):
             error: Exception | None = None
             try:
                 with connect(**feed.arguments()) as socket:
-                    feed.connected()
+                    feed.connected(socket.response.headers if socket.response else {})
                     for text in socket:
                         yield feed.read(text)
             except BROKEN as broken:

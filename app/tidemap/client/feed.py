@@ -1,7 +1,6 @@
 """The stream of messages of the server: where to connect, what was read, when to give up. No sockets here."""
 
 import json
-import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -25,6 +24,8 @@ HELD_S = 0.5
 """A connection that held so long begins the pauses anew; one that ends at once is tried again ever more rarely."""
 PRIVATE = range(4400, 4500)
 """Close codes 4000 + an HTTP status: the request itself is wrong, so asking again does not help."""
+POSITION = "Last-Event-ID"
+"""The header of a server's answer that names the last anomaly before the first message."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +40,10 @@ class Message:
 
 
 class Feed:
-    """A subscription that survives its connections: it knows the last anomaly seen and resumes behind it."""
+    """A subscription that survives its connections.
+
+    It knows the last anomaly seen, or before the first message the last one there was, and resumes behind it.
+    """
 
     def __init__(
         self,
@@ -55,7 +59,7 @@ class Feed:
         self._query = present(location=location, kind=kind, after=after)
         self._retry = retry
         self._clock = clock
-        self._since = -math.inf
+        self._since: float | None = None
         self._restart()
 
     def arguments(self) -> dict[str, Any]:
@@ -63,10 +67,13 @@ class Feed:
         uri = f"{self._url}/events?{urlencode(self._query)}"
         return {"uri": uri, "additional_headers": self._headers, "user_agent_header": None, "max_size": None}
 
-    def connected(self) -> None:
-        """The server has accepted a connection: it is within reach, however quiet it is."""
+    def connected(self, headers: Mapping[str, str]) -> None:
+        """The server has accepted a connection: it is within reach, however quiet it is, and says where it begins."""
         self._failed = 0
         self._since = self._clock()
+        position = headers.get(POSITION, "")
+        if position.isdecimal():
+            self._query.setdefault("after", int(position))
 
     def read(self, text: str | bytes) -> Message:
         """A message as it came; an anomaly is remembered as the point to resume from."""
@@ -82,12 +89,15 @@ class Feed:
         `error` is what the connection broke with, None if the server closed it in good order.
         """
         failure = self._failure(error)
-        if self._failed == 0 and self._clock() - self._since >= HELD_S:
-            self._restart()
-        self._failed += 1
-        asked_s = failure.retry_after_s or 0.0
+        if self._since is not None:
+            if self._clock() - self._since >= HELD_S:
+                self._restart()
+            self._since = None
+        else:
+            self._failed += 1
         if self._hopeless(failure) or self._failed >= self._retry.tries:
             raise failure
+        asked_s = failure.retry_after_s or 0.0
         return max(next(self._pauses), min(asked_s, self._retry.max_s))
 
     def _restart(self) -> None:

@@ -1,5 +1,6 @@
 """Messages of the bus and of the WebSocket."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -34,3 +35,8 @@ class EventMessage:
             "id": self.id,
             "time": iso(self.time),
         }
+
+
+def enveloped(kind: str, time: float, data: Mapping[str, Any]) -> dict[str, Any]:
+    """The content of a webhook, as Standard Webhooks has it."""
+    return {"type": kind, "timestamp": iso(time), "data": data}

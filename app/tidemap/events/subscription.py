@@ -15,6 +15,7 @@ from typing import get_args
 
 from tidemap.events.bus import Bus, Listener
 from tidemap.events.messages import EventMessage, Kind
+from tidemap.scope import EVERYWHERE, Scope
 
 KINDS: frozenset[str] = frozenset(get_args(Kind))
 REPLAY_PAGE = 500
@@ -25,7 +26,7 @@ Replay = Callable[[int, int], Awaitable[Sequence[EventMessage]]]
 
 @dataclass(frozen=True, slots=True)
 class EventFilter:
-    """Which messages somebody wants: of one location or all, of some kinds.
+    """Which messages somebody wants: of one location or all that they may see, of some kinds.
 
     `after` is the last anomaly that is known already; with it, those since are wanted too.
     """
@@ -33,10 +34,15 @@ class EventFilter:
     location: str | None = None
     kinds: frozenset[str] = KINDS
     after: int | None = None
+    scope: Scope = EVERYWHERE
 
     def wants(self, message: EventMessage) -> bool:
         """Whether this message is among them."""
-        return message.kind in self.kinds and self.location in (None, message.location)
+        return (
+            message.kind in self.kinds
+            and self.location in (None, message.location)
+            and self.scope.holds(message.location)
+        )
 
     @property
     def resumes(self) -> bool:

@@ -15,6 +15,7 @@ from tidemap.workers.compactor import Compactor
 from tidemap.workers.election import LeaderElection
 from tidemap.workers.updater import Updater
 from tidemap.workers.watcher import Watcher
+from tidemap.workers.webhooks import WebhookSender
 
 Extension = Callable[[Context, FastAPI], AbstractContextManager[None]]
 """Adds routes to the application and runs what they need, for as long as the process serves."""
@@ -30,12 +31,13 @@ class Background:
 
 @contextmanager
 def background(ctx: Context) -> Iterator[Background]:
-    """Updater, compactor and watcher, which work while this process is the leader."""
+    """Updater, compactor, watcher and the sender of webhooks, which work while this process is the leader."""
     election = LeaderElection(ctx)
-    workers: dict[str, Updater | Compactor | Watcher] = {
+    workers: dict[str, Updater | Compactor | Watcher | WebhookSender] = {
         "updater": Updater(ctx, election),
         "compactor": Compactor(ctx, election),
         "watcher": Watcher(ctx, election),
+        "webhooks": WebhookSender(ctx, election),
     }
     with ExitStack() as stack:
         election.start()

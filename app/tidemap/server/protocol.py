@@ -13,6 +13,7 @@ import orjson
 from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
+from tidemap.api.server_sent import ABORT
 from tidemap.media_types import PROBLEM
 from tidemap.server.census import Census
 
@@ -82,6 +83,7 @@ class BoundedHttpProtocol(HttpToolsProtocol):
     def on_message_begin(self) -> None:
         """A new head."""
         super().on_message_begin()
+        self.scope["extensions"] = {ABORT: self.transport.abort}  # type: ignore[dict-item]
         self._lines = self._parsed = self._raw = self._body = 0
 
     def on_url(self, url: bytes) -> None:

@@ -15,6 +15,7 @@ from typing import Any, cast
 import uvicorn
 
 from tidemap.api.state import state_of_app
+from tidemap.server.binding import url_of
 from tidemap.server.census import Census
 from tidemap.server.demo import Demo
 from tidemap.server.memory import periodic_trim
@@ -57,20 +58,17 @@ class _Server(uvicorn.Server):
         await super().shutdown(sockets)
 
 
-def serve(ctx: Context, options: ServeOptions, *extensions: Extension) -> int:
-    """Serve all in one, with extensions such as pages, until told to stop; 0 when that went well."""
+def serve(ctx: Context, bound: socket.socket, options: ServeOptions, *extensions: Extension) -> int:
+    """Serve all in one at a bound socket, with extensions such as pages, until stopped; 0 when that went well."""
     settings = ctx.settings
     sys.setswitchinterval(SWITCH_S)
     with ExitStack() as stack:
-        # First, for a port in use is said at once, before kernels are compiled.
-        bound = _bind(settings.host, settings.port)
-        stack.callback(bound.close)
         warm_up()
         stack.enter_context(periodic_trim())
         site = stack.enter_context(all_in_one(ctx, *extensions))
         census = Census(settings.max_connections, settings.max_connections_per_address)
         config = configure(site, settings.host, settings.port, census)
-        url = _url(bound)
+        url = url_of(bound)
 
         def ready() -> None:
             # As one: print writes the end of a line by itself, and others log meanwhile.
@@ -103,22 +101,3 @@ def configure(site: Any, host: str, port: int, census: Census) -> uvicorn.Config
         ws_max_size=MAX_MESSAGE_BYTES,
         ws_per_message_deflate=False,
     )
-
-
-def _bind(host: str, port: int) -> socket.socket:
-    """A socket at the address. Raises OSError naming it."""
-    bound = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
-    bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    try:
-        bound.bind((host, port))
-    except OSError as error:
-        bound.close()
-        raise OSError(f"cannot listen on {host}, port {port}: {error.strerror}") from None
-    bound.set_inheritable(True)
-    return bound
-
-
-def _url(bound: socket.socket) -> str:
-    host, port = bound.getsockname()[:2]
-    shown = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)  # noqa: S104
-    return f"http://[{shown}]:{port}" if ":" in shown else f"http://{shown}:{port}"

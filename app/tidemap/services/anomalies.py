@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.errors import refuse_reversed
+from tidemap.scope import EVERYWHERE, Scope
 from tidemap.services.context import Context
 from tidemap.storage.records import SEEN_FREE, SEEN_OCCUPIED, AnomalyRecord, LocationRecord
 from tidemap.storage.repositories.anomalies import AnomalyFilter
@@ -32,7 +33,7 @@ class Anomaly(AnomalyRecord):
 
 @dataclass(frozen=True, slots=True)
 class EventQuery:
-    """Which stored events; None leaves a condition out. Times overlap [start, stop)."""
+    """Which stored events; None leaves a condition out. Times overlap [start, stop), locations are in `scope`."""
 
     location: str | None = None
     after: int | None = None
@@ -41,6 +42,7 @@ class EventQuery:
     stop: float | None = None
     min_surprise: float | None = None
     acknowledged: bool | None = None
+    scope: Scope = EVERYWHERE
 
 
 def list_events(ctx: Context, query: EventQuery) -> list[Anomaly]:
@@ -56,6 +58,7 @@ def list_events(ctx: Context, query: EventQuery) -> list[Anomaly]:
             query.stop,
             query.min_surprise,
             query.acknowledged,
+            query.scope,
         )
         records = work.anomalies.list(wanted)
         locations = {each.id: each for each in ([location] if location else work.locations.list())}

@@ -14,6 +14,7 @@ from tidemap.errors import (
     refuse_reversed,
 )
 from tidemap.events.messages import EventMessage
+from tidemap.scope import EVERYWHERE, Scope
 from tidemap.services.context import Context
 from tidemap.services.update import UpdateRequest, run_update
 from tidemap.services.update_task import Executor
@@ -40,10 +41,10 @@ def get_job(ctx: Context, job_id: int) -> JobRecord:
         return work.jobs.get(job_id)
 
 
-def list_jobs(ctx: Context, after: int | None, limit: int) -> list[JobRecord]:
-    """Newest first."""
+def list_jobs(ctx: Context, after: int | None, limit: int, scope: Scope = EVERYWHERE) -> list[JobRecord]:
+    """Those of locations in scope, newest first."""
     with ctx.store.read() as work:
-        return work.jobs.list(after, limit)
+        return work.jobs.list(after, limit, scope=scope)
 
 
 def cancel_job(ctx: Context, job_id: int) -> JobRecord:

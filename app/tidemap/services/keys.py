@@ -2,10 +2,12 @@
 
 import hashlib
 import secrets
-from dataclasses import asdict, dataclass
+from contextlib import suppress
+from dataclasses import dataclass, field, fields
 from typing import Literal, get_args
 
-from tidemap.errors import UnauthorizedError
+from tidemap.errors import BusyError, InvalidInputError, KeyNotFoundError, UnauthorizedError
+from tidemap.scope import EVERYWHERE, Scope
 from tidemap.services.context import Context
 from tidemap.storage.records import KeyRecord
 from tidemap.storage.work import Work
@@ -19,14 +21,16 @@ ROLES: tuple[Role, ...] = get_args(Role)
 
 @dataclass(frozen=True, slots=True)
 class Principal:
-    """Who asks: a key, or anybody on an open server."""
+    """Who asks: a key, or anybody on an open server. Two are the same whenever their key ends."""
 
     name: str
     role: Role
     key_id: int | None
+    scope: Scope = EVERYWHERE
+    expires_at: float | None = field(default=None, compare=False)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class IssuedKey(KeyRecord):
     """A new key with its secret `key`, which is not kept."""
 
@@ -44,11 +48,39 @@ class Claim:
     digest: bytes | None
 
 
-def create_key(ctx: Context, name: str, role: Role) -> IssuedKey:
-    """A new key with its secret."""
+def create_key(
+    ctx: Context, name: str, role: Role, scope: Scope = EVERYWHERE, expires_at: float | None = None
+) -> IssuedKey:
+    """A new key with its secret. Raises InvalidInputError when it would have expired already."""
+    if expires_at is not None and expires_at <= ctx.clock():
+        raise InvalidInputError.at("expires_at", "it is over already; give a later time")
+    return ctx.store.write(lambda work: _issue(ctx, work, name, role, scope, expires_at))
+
+
+def rotate_key(ctx: Context, key_id: int, overlap_s: float) -> IssuedKey:
+    """Another key like this one, which itself expires after `overlap_s`. Raises KeyNotFoundError."""
+
+    def rotate(work: Work) -> IssuedKey:
+        old, now = work.keys.get(key_id), ctx.clock()
+        if old.expired(now):
+            raise KeyNotFoundError(key_id)
+        work.keys.end(key_id, now + overlap_s)
+        return _issue(ctx, work, old.name, _role(old), old.scope, old.expires_at)
+
+    return ctx.store.write(rotate)
+
+
+def note_use(ctx: Context, key_id: int) -> None:
+    """Note that a key is used now; nobody waits for it."""
+    now = ctx.clock()
+    with suppress(BusyError):
+        ctx.store.submit(lambda work: work.keys.used(key_id, now))
+
+
+def _issue(ctx: Context, work: Work, name: str, role: Role, scope: Scope, expires_at: float | None) -> IssuedKey:
     secret = PREFIX + secrets.token_urlsafe(32)
-    record = ctx.store.write(lambda work: work.keys.create(name, role, secret[:8], digest_of(secret), ctx.clock()))
-    return IssuedKey(**asdict(record), key=secret)
+    record = work.keys.create(name, role, secret[:8], digest_of(secret), ctx.clock(), scope, expires_at)
+    return IssuedKey(**{each.name: getattr(record, each.name) for each in fields(record)}, key=secret)
 
 
 def list_keys(ctx: Context, after: int | None = None, limit: int | None = None) -> list[KeyRecord]:
@@ -76,7 +108,8 @@ def confirm(work: Work, claim: Claim) -> None:
         true = work.keys.none()
     else:
         record = work.keys.find(claim.digest)
-        true = record is not None and _principal(record) == claim.principal
+        known = None if record is None else principal_of(record)
+        true = known is not None and known == claim.principal and known.expires_at == claim.principal.expires_at
     if not true:
         raise UnauthorizedError("This key is not known any more. Ask an admin for a new one.")
 
@@ -85,9 +118,7 @@ def by_secret(ctx: Context, secret: str) -> Principal:
     """Who holds a secret. Raises UnauthorizedError."""
     with ctx.store.read() as work:
         record = work.keys.find(digest_of(secret))
-    if record is None:
-        raise UnauthorizedError("This key is not known. Check it, or ask an admin for a new one.")
-    return _principal(record)
+    return principal_of(_valid(record, ctx.clock()))
 
 
 def start_session(ctx: Context, secret: str) -> str:
@@ -98,9 +129,8 @@ def start_session(ctx: Context, secret: str) -> str:
     token = secrets.token_urlsafe(32)
 
     def start(work: Work) -> None:
-        record, now = work.keys.find(digest_of(secret)), ctx.clock()
-        if record is None:
-            raise UnauthorizedError("This key is not known. Check it, or ask an admin for a new one.")
+        now = ctx.clock()
+        record = _valid(work.keys.find(digest_of(secret)), now)
         work.keys.add_session(record.id, digest_of(token), now, now + SESSION_S)
 
     ctx.store.write(start)
@@ -111,9 +141,9 @@ def by_session(ctx: Context, token: str) -> Principal:
     """Who holds a session token. Raises UnauthorizedError when it is unknown or has ended."""
     with ctx.store.read() as work:
         record = work.keys.find_session(digest_of(token), ctx.clock())
-    if record is None:
+    if record is None or record.expired(ctx.clock()):
         raise UnauthorizedError("This session has ended. Sign in again.")
-    return _principal(record)
+    return principal_of(record)
 
 
 def end_session(ctx: Context, token: str) -> None:
@@ -131,6 +161,19 @@ def digest_of(secret: str) -> bytes:
     return hashlib.sha256(secret.encode()).digest()
 
 
-def _principal(record: KeyRecord) -> Principal:
-    role: Role = next(role for role in ROLES if role == record.role)
-    return Principal(record.name, role, record.id)
+def principal_of(record: KeyRecord) -> Principal:
+    """Who holds a key."""
+    return Principal(record.name, _role(record), record.id, record.scope, record.expires_at)
+
+
+def _valid(record: KeyRecord | None, now: float) -> KeyRecord:
+    """A key that was found, if it opens anything. Raises UnauthorizedError."""
+    if record is None:
+        raise UnauthorizedError("This key is not known. Check it, or ask an admin for a new one.")
+    if record.expired(now):
+        raise UnauthorizedError("This key has expired. Ask an admin for a new one.")
+    return record
+
+
+def _role(record: KeyRecord) -> Role:
+    return next(role for role in ROLES if role == record.role)

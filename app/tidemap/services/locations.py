@@ -4,6 +4,7 @@ from dataclasses import dataclass, fields
 from typing import TypedDict
 
 from tidemap.errors import InvalidInputError
+from tidemap.scope import EVERYWHERE, Scope
 from tidemap.services.context import Context
 from tidemap.space.grid import GridGeometry
 from tidemap.space.pose import FramedPosition
@@ -137,11 +138,13 @@ def get_location(ctx: Context, name: str) -> LocationSummary:
         return _summary(record, revision, work.locations.open_anomalies().get(record.id, 0))
 
 
-def list_locations(ctx: Context, after: str | None = None, limit: int | None = None) -> list[LocationSummary]:
-    """In order of their names."""
+def list_locations(
+    ctx: Context, after: str | None = None, limit: int | None = None, scope: Scope = EVERYWHERE
+) -> list[LocationSummary]:
+    """Those in scope, in order of their names."""
     with ctx.store.read() as work:
         revisions, events = work.spectra.current(), work.locations.open_anomalies()
-        records = work.locations.list(after, limit)
+        records = work.locations.list(after, limit, scope)
     return [_summary(record, revisions.get(record.id), events.get(record.id, 0)) for record in records]
 
 

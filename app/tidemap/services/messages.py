@@ -5,6 +5,7 @@ from dataclasses import fields, replace
 from typing import Any
 
 from tidemap.events.messages import EventMessage
+from tidemap.events.subscription import EventFilter
 from tidemap.services.anomalies import Anomaly, EventQuery, list_events
 from tidemap.services.context import Context
 from tidemap.services.incidents import EventChange, published
@@ -30,12 +31,18 @@ def publish_events(ctx: Context, changes: Sequence[EventChange]) -> None:
         ctx.bus.publish(replace(message, data=message.data | news))
 
 
-def missed_anomalies(ctx: Context, location: str | None, after: int, limit: int) -> list[EventMessage]:
-    """The messages of stored events after an id, of one location or all, oldest first.
+def latest_anomaly(ctx: Context) -> int:
+    """The id of the last stored event, 0 before the first: what is stored later has a higher one."""
+    with ctx.store.read() as work:
+        return work.anomalies.latest()
+
+
+def missed_anomalies(ctx: Context, wanted: EventFilter, after: int, limit: int) -> list[EventMessage]:
+    """The messages of stored events after an id, of the locations that are wanted, oldest first.
 
     Raises LocationNotFoundError.
     """
-    events = list_events(ctx, EventQuery(location=location, after=after, limit=limit))
+    events = list_events(ctx, EventQuery(location=wanted.location, scope=wanted.scope, after=after, limit=limit))
     return [anomaly_message(event, ctx.clock()) for event in events]
 
 

@@ -14,6 +14,7 @@ from tidemap.errors import CorruptChunkError
 from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.timebase import TimeBase
 from tidemap.history.values import ValueKind
+from tidemap.scope import EVERYWHERE, Scope
 from tidemap.space.grid import SINGLE, Extent, GridGeometry
 from tidemap.space.pose import FramedPosition
 from tidemap.spectral.belief import Detector
@@ -305,6 +306,65 @@ class KeyRecord:
     prefix: str
     hash: bytes
     created_at: float
+    scope: Scope = EVERYWHERE
+    expires_at: float | None = None
+    last_used_at: float | None = None
+
+    def expired(self, now: float) -> bool:
+        """Whether it opens nothing any more."""
+        return self.expires_at is not None and self.expires_at <= now
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AuditEntry:
+    """Somebody changed something: at a time (Unix seconds), by a request. `key_id` is None without a key."""
+
+    request: str
+    time: float
+    actor: str
+    key_id: int | None
+    action: str
+    target: str
+    detail: str | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AuditRecord(AuditEntry):
+    """A stored entry."""
+
+    id: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WebhookRecord:
+    """A receiver of the anomalies of a scope after `cursor`. Its secret is derived from `salt`."""
+
+    id: int
+    url: str
+    description: str
+    scope: Scope
+    enabled: bool
+    salt: bytes
+    fingerprint: bytes
+    cursor: int
+    created_at: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeliveryRecord:
+    """An anomaly for a webhook: `state` is waiting (until `next_at`), delivered or failed."""
+
+    id: int
+    webhook_id: int
+    anomaly_id: int
+    message_id: str
+    state: str
+    attempts: int
+    next_at: float
+    status: int | None
+    error: str | None
+    created_at: float
+    finished_at: float | None
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from concurrent.futures import Future
 from contextlib import contextmanager
 from copy import copy
 from functools import partial
+from pathlib import Path
 from typing import TypeVar
 
 from sqlalchemy import Connection, Dialect, make_url
@@ -42,6 +43,16 @@ def prepare_database(url: str) -> None:
             migrate(connection)
         else:
             check_version(connection)
+
+
+def require_database(url: str) -> None:
+    """Raise DatabaseUnusableError where there is no file of an embedded database; nothing is made."""
+    address = make_url(url)
+    if address.get_backend_name() == "sqlite" and not Path(address.database or "").is_file():
+        raise DatabaseUnusableError(
+            f"There is no database: the file {address.database} is not there. Check --data and --database-url; "
+            "'tidemap serve' and 'tidemap migrate' make a new one."
+        )
 
 
 @contextmanager

@@ -207,6 +207,9 @@ api_key = Table(
     Column("prefix", String(16), nullable=False),
     Column("hash", LargeBinary, nullable=False, unique=True),
     Column("created_at", Float(53), nullable=False),
+    Column("locations", Text),
+    Column("expires_at", Float(53)),
+    Column("last_used_at", Float(53)),
 )
 
 # Browsers that are signed in, by the hash of their cookie: who reads a copy of this table cannot make the cookie.
@@ -217,6 +220,54 @@ session = Table(
     Column("key_id", BigInt, nullable=False),
     Column("expires_at", Float(53), nullable=False),
     Index("ix_session_key", "key_id"),
+)
+
+# Who changed what. `request` is the one that did; its entry is stored with the change.
+audit = Table(
+    "audit",
+    metadata,
+    Column("id", BigInt, primary_key=True, autoincrement=False),
+    Column("request", String(32), nullable=False, unique=True),
+    Column("time", Float(53), nullable=False),
+    Column("actor", String(128), nullable=False),
+    Column("key_id", BigInt),
+    Column("action", String(64), nullable=False),
+    Column("target", Text, nullable=False),
+    Column("detail", Text),
+)
+
+# Who wants to be sent anomalies. `cursor` is the last anomaly with a delivery. The signing secret is not stored: it is
+# derived from `salt` with a key outside of the database; `fingerprint` is its hash.
+webhook = Table(
+    "webhook",
+    metadata,
+    Column("id", BigInt, primary_key=True, autoincrement=True),
+    Column("url", Text, nullable=False),
+    Column("description", String(128), nullable=False),
+    Column("locations", Text),
+    Column("enabled", Boolean, nullable=False),
+    Column("salt", LargeBinary, nullable=False),
+    Column("fingerprint", LargeBinary, nullable=False),
+    Column("cursor", BigInt, nullable=False),
+    Column("created_at", Float(53), nullable=False),
+)
+
+# One row an anomaly and webhook: `state` is waiting, delivered or failed.
+delivery = Table(
+    "delivery",
+    metadata,
+    Column("id", BigInt, primary_key=True, autoincrement=False),
+    Column("webhook_id", BigInt, nullable=False),
+    Column("anomaly_id", BigInt, nullable=False),
+    Column("message_id", String(64), nullable=False),
+    Column("state", String(16), nullable=False),
+    Column("attempts", Integer, nullable=False),
+    Column("next_at", Float(53), nullable=False),
+    Column("status", Integer),
+    Column("error", Text),
+    Column("created_at", Float(53), nullable=False),
+    Column("finished_at", Float(53)),
+    Index("ix_delivery_due", "webhook_id", "state", "next_at"),
 )
 
 # Counters whose row lock makes ids grow in commit order, so that a reader's cursor never skips one.

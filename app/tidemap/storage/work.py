@@ -6,6 +6,7 @@ from sqlalchemy import Connection
 
 from tidemap.storage.fencing import FencingTokens
 from tidemap.storage.repositories.anomalies import AnomalyRepository
+from tidemap.storage.repositories.audit import AuditRepository
 from tidemap.storage.repositories.jobs import JobRepository
 from tidemap.storage.repositories.keys import KeyRepository
 from tidemap.storage.repositories.locations import LocationRepository
@@ -14,6 +15,7 @@ from tidemap.storage.repositories.scans import ScanRepository
 from tidemap.storage.repositories.segments import SegmentRepository
 from tidemap.storage.repositories.sources import SourceRepository
 from tidemap.storage.repositories.spectra import SpectrumRepository
+from tidemap.storage.repositories.webhooks import WebhookRepository
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +31,8 @@ class Work:
     scans: ScanRepository
     jobs: JobRepository
     keys: KeyRepository
+    audit: AuditRepository
+    webhooks: WebhookRepository
     terms: FencingTokens
 
     @classmethod
@@ -44,5 +48,7 @@ class Work:
             ScanRepository(connection),
             JobRepository(connection),
             KeyRepository(connection),
+            AuditRepository(connection),
+            WebhookRepository(connection),
             FencingTokens(connection),
         )

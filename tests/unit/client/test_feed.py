@@ -30,6 +30,7 @@ class Stream:
         self.queries: list[dict[str, list[str]]] = []
         self.keys: list[str | None] = []
         self.refuse: int | None = None
+        self.position: str | None = None
         self.url = ""
 
     def admit(self, connection: ServerConnection, request: Request) -> Response | None:
@@ -43,6 +44,10 @@ class Stream:
         }
         return None if self.refuse is None else connection.respond(self.refuse, json.dumps(problem))
 
+    def name_position(self, connection: ServerConnection, request: Request, response: Response) -> None:
+        if self.position is not None:
+            response.headers["Last-Event-ID"] = self.position
+
     def send(self, connection: ServerConnection) -> None:
         code, messages = self.connections.pop(0) if self.connections else (1001, [])
         for text in messages:
@@ -53,7 +58,9 @@ class Stream:
 @contextmanager
 def streaming(*connections: tuple[int, list[str]]) -> Iterator[Stream]:
     stream = Stream(*connections)
-    with serve(stream.send, "127.0.0.1", 0, process_request=stream.admit) as server:
+    with serve(
+        stream.send, "127.0.0.1", 0, process_request=stream.admit, process_response=stream.name_position
+    ) as server:
         thread = threading.Thread(target=server.serve_forever)
         thread.start()
         stream.url = f"http://127.0.0.1:{server.socket.getsockname()[1]}"
@@ -144,3 +151,19 @@ def test_connections_that_end_without_a_message_are_no_failures(read: Read) -> N
     with streaming(*quiet, (1001, [message("anomaly", 8)])) as stream:
         assert [each.id for each in read(stream.url, 1)] == [8]
     assert len(stream.queries) == len(quiet) + 1
+
+
+@both
+def test_the_position_of_the_first_connection_is_where_it_resumes(read: Read) -> None:
+    with streaming((1001, []), (1001, [message("anomaly", 8)])) as stream:
+        stream.position = "5"
+        assert [each.id for each in read(stream.url, 1)] == [8]
+    assert [query.get("after") for query in stream.queries] == [None, ["5"]]
+
+
+def test_a_client_that_tries_once_stays_with_a_quiet_location() -> None:
+    quiet: list[tuple[int, list[str]]] = [(1001, [])] * 4
+    with streaming(*quiet, (1001, [message("anomaly", 8)])) as stream:
+        with Client(stream.url, retry=RetryPolicy(tries=1, first_s=0.001, max_s=0.01)) as client:
+            assert next(client.events()).id == 8
+        assert len(stream.queries) == 5

@@ -10,7 +10,7 @@ from starlette.requests import HTTPConnection
 
 from tidemap.api.auth import COOKIE, authenticate, counting_wrong_keys, refuse_other_sites
 from tidemap.api.errors import domain_response
-from tidemap.errors import DomainError, ForbiddenError, UnauthorizedError
+from tidemap.errors import DomainError, ForbiddenError, OutOfScopeError, UnauthorizedError
 from tidemap.services.context import Context
 from tidemap.services.keys import OPEN, SESSION_S, Principal, allows, by_secret, end_session, start_session
 
@@ -23,6 +23,7 @@ def principal(connection: HTTPConnection) -> Principal:
     found = authenticate(connection)
     if not allows(found.role, "operator"):
         raise ForbiddenError("A robot's key is for posting; the pages need an operator's key.")
+    _refuse_limited(found)
     return found
 
 
@@ -85,6 +86,7 @@ def sign_in(ctx: Context, request: Request, secret: str, then: str) -> Response:
         found = by_secret(ctx, secret)
     if not allows(found.role, "operator"):
         raise ForbiddenError("This is a robot's key, which is for posting. Sign in with an operator's key.")
+    _refuse_limited(found)
     answer = RedirectResponse(then, 303, NO_STORE)
     answer.set_cookie(
         COOKIE,
@@ -114,6 +116,12 @@ def local(address: str) -> str:
     ('/locations/lab?cell=3', '/', '/', '/')
     """
     return address if _PAGE.fullmatch(address) and address.isprintable() else "/"
+
+
+def _refuse_limited(found: Principal) -> None:
+    """The pages show all locations. Raises OutOfScopeError."""
+    if found.scope.limited:
+        raise OutOfScopeError("This key is limited to some locations. The pages show all of them; use the API.")
 
 
 def _login(address: str) -> str:

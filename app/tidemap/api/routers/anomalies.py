@@ -7,7 +7,7 @@ from fastapi import APIRouter, Depends, Query, Request
 from starlette.responses import Response
 
 from tidemap.api.bodies import FormRoute
-from tidemap.api.dependencies import After, Ctx, Id, Limit, Operator, TimeQuery, cursor, query_time
+from tidemap.api.dependencies import After, Ctx, FilteringOperator, Id, Limit, Operator, TimeQuery, cursor, query_time
 from tidemap.api.encoding import with_etag
 from tidemap.api.long_questions import answered
 from tidemap.api.views.anomalies import confidence_view, detail_view, event_view, listed_view
@@ -53,9 +53,9 @@ AskedPage = Annotated[EventPage, Depends(event_page)]
 
 
 @router.get("/anomalies", responses={200: {"model": Page[Event]}, 304: {}}, response_class=Response)
-def list_everywhere(request: Request, ctx: Ctx, _: Operator, page: AskedPage) -> Response:
+def list_everywhere(request: Request, ctx: Ctx, who: FilteringOperator, page: AskedPage) -> Response:
     """Events of all locations, oldest first; pass the last id you have seen as `after` to get newer ones only."""
-    return _page(request, ctx, page.query, page.limit)
+    return _page(request, ctx, replace(page.query, scope=who.scope), page.limit)
 
 
 @router.get("/locations/{name}/anomalies", responses={200: {"model": Page[Event]}, 304: {}}, response_class=Response)

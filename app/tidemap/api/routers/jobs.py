@@ -5,7 +5,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Request, Response
 
 from tidemap.api.bodies import FormRoute
-from tidemap.api.dependencies import After, Ctx, Id, Limit, Operator, cursor
+from tidemap.api.dependencies import After, Ctx, FilteringOperator, Id, Limit, Operator, cursor
 from tidemap.api.views.jobs import job_view
 from tidemap.api.waiting import wait_for_job
 from tidemap.schemas.common import Page
@@ -37,9 +37,9 @@ async def update(
 
 
 @router.get("/jobs")
-def list_all(ctx: Ctx, _: Operator, limit: Limit = 100, after: After = None) -> Page[Job]:
+def list_all(ctx: Ctx, who: FilteringOperator, limit: Limit = 100, after: After = None) -> Page[Job]:
     """Jobs, newest first."""
-    items = [job_view(job) for job in jobs.list_jobs(ctx, cursor("after", after), limit + 1)]
+    items = [job_view(job) for job in jobs.list_jobs(ctx, cursor("after", after), limit + 1, who.scope)]
     return Page(items=items[:limit], next=str(items[limit - 1].id) if len(items) > limit else None)
 
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Query, Request, Response
 
 from tidemap.api.auth import confirming
-from tidemap.api.dependencies import Admin, Ctx, RequiredTime, Robot, posted_body
+from tidemap.api.dependencies import Admin, Audited, RequiredTime, Robot, posted_body
 from tidemap.api.long_questions import answered
 from tidemap.api.parameters import StrictRoute
 from tidemap.api.state import state_of
@@ -106,7 +106,7 @@ async def post(
 async def delete(
     name: str,
     request: Request,
-    ctx: Ctx,
+    ctx: Audited,
     admin: Admin,
     start: RequiredTime,
     stop: RequiredTime,

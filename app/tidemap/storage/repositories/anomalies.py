@@ -8,10 +8,12 @@ import numpy as np
 from sqlalchemy import Connection, RowMapping, Select, bindparam, insert, select, update
 
 from tidemap.errors import AnomalyNotFoundError, CorruptChunkError
+from tidemap.scope import EVERYWHERE, Scope
 from tidemap.storage.blobs import pack_event, unpack_event
 from tidemap.storage.counters import take
 from tidemap.storage.records import AnomalyRecord
-from tidemap.storage.tables import anomaly
+from tidemap.storage.scoping import inside
+from tidemap.storage.tables import anomaly, location
 
 _COLUMNS = tuple(field.name for field in fields(AnomalyRecord) if field.name not in ("seen", "damage"))
 _GROWS = ("start", "stop", "observed", "probability", "surprise", "confidence", "rule", "revision", "marks")
@@ -29,6 +31,7 @@ class AnomalyFilter:
     stop: float | None = None
     min_surprise: float | None = None
     acknowledged: bool | None = None
+    scope: Scope = EVERYWHERE
 
 
 class AnomalyRepository:
@@ -50,6 +53,11 @@ class AnomalyRepository:
         """Oldest first."""
         query = _query(wanted).order_by(anomaly.c.id).limit(wanted.limit)
         return [_record(row) for row in self._connection.execute(query).mappings()]
+
+    def ids_after(self, after: int, limit: int, scope: Scope) -> Sequence[int]:
+        """The next ids, ascending, of locations in scope."""
+        query = _query(AnomalyFilter(after=after, scope=scope)).with_only_columns(anomaly.c.id)
+        return self._connection.execute(query.order_by(anomaly.c.id).limit(limit)).scalars().all()
 
     def latest(self) -> int:
         """The greatest id, 0 when there is none."""
@@ -98,6 +106,9 @@ def _query(wanted: AnomalyFilter) -> Select[Any]:
     for value, condition in conditions:
         if value is not None:
             query = query.where(condition(value))
+    if wanted.scope.limited:
+        visible = select(location.c.id).where(inside(location.c.name, wanted.scope))
+        query = query.where(anomaly.c.location_id.in_(visible))
     return query
 
 

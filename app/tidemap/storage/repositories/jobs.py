@@ -7,9 +7,11 @@ from typing import Any
 from sqlalchemy import Connection, RowMapping, delete, insert, select, update
 
 from tidemap.errors import JobNotFoundError
+from tidemap.scope import EVERYWHERE, Scope
 from tidemap.storage.blobs import pack_json, unpack_json
 from tidemap.storage.counters import take
 from tidemap.storage.records import JobRecord
+from tidemap.storage.scoping import inside
 from tidemap.storage.tables import job
 from tidemap.storage.tables import location as location_table
 
@@ -40,9 +42,11 @@ class JobRepository:
             raise JobNotFoundError(job_id)
         return _record(row)
 
-    def list(self, after: int | None, limit: int, location_name: str | None = None) -> list[JobRecord]:
+    def list(
+        self, after: int | None, limit: int, location_name: str | None = None, scope: Scope = EVERYWHERE
+    ) -> list[JobRecord]:
         """Newest first; `after` is the last id of the page before."""
-        query = _ROWS.order_by(job.c.id.desc()).limit(limit)
+        query = _ROWS.where(inside(location_table.c.name, scope)).order_by(job.c.id.desc()).limit(limit)
         if after is not None:
             query = query.where(job.c.id < after)
         if location_name is not None:

@@ -1,8 +1,11 @@
 """The repository of API keys."""
 
-from sqlalchemy import Connection, bindparam, delete, func, insert, select
+from typing import Any
+
+from sqlalchemy import Connection, RowMapping, bindparam, delete, func, insert, select, update
 
 from tidemap.errors import KeyNotFoundError
+from tidemap.scope import EVERYWHERE, Scope
 from tidemap.storage.records import KeyRecord
 from tidemap.storage.tables import api_key, session
 
@@ -25,24 +28,50 @@ class KeyRepository:
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
 
-    def create(self, name: str, role: str, prefix: str, digest: bytes, now: float) -> KeyRecord:
+    def create(
+        self,
+        name: str,
+        role: str,
+        prefix: str,
+        digest: bytes,
+        now: float,
+        scope: Scope = EVERYWHERE,
+        expires_at: float | None = None,
+    ) -> KeyRecord:
         """Store a new key."""
-        values = {"name": name, "role": role, "prefix": prefix, "hash": digest, "created_at": now}
+        values: dict[str, Any] = {"name": name, "role": role, "prefix": prefix, "hash": digest, "created_at": now}
+        values |= {"locations": scope.dumped(), "expires_at": expires_at}
         self._connection.execute(insert(api_key).values(**values))
         found = self.find(digest)
         if found is None:
             raise KeyNotFoundError(name)
         return found
 
+    def get(self, key_id: int) -> KeyRecord:
+        """Raises KeyNotFoundError."""
+        row = self._connection.execute(select(api_key).where(api_key.c.id == key_id)).mappings().first()
+        if row is None:
+            raise KeyNotFoundError(key_id)
+        return _record(row)
+
+    def end(self, key_id: int, expires_at: float) -> None:
+        """Let a key expire then, or when it did before."""
+        earlier = api_key.c.expires_at.is_(None) | (api_key.c.expires_at > expires_at)
+        self._connection.execute(update(api_key).where(api_key.c.id == key_id, earlier).values(expires_at=expires_at))
+
+    def used(self, key_id: int, at: float) -> None:
+        """Note that a key was used."""
+        self._connection.execute(update(api_key).where(api_key.c.id == key_id).values(last_used_at=at))
+
     def find(self, digest: bytes) -> KeyRecord | None:
         """The key whose secret has this hash."""
         row = self._connection.execute(_BY_HASH, {"hash": digest}).mappings().first()
-        return None if row is None else KeyRecord(**row)
+        return None if row is None else _record(row)
 
     def find_session(self, digest: bytes, now: float) -> KeyRecord | None:
         """The key of the session whose token has this hash, None when the session has ended by `now`."""
         row = self._connection.execute(_BY_SESSION, {"hash": digest, "now": now}).mappings().first()
-        return None if row is None else KeyRecord(**row)
+        return None if row is None else _record(row)
 
     def add_session(self, key_id: int, digest: bytes, now: float, expires_at: float) -> None:
         """Store a session; those that have expired by `now` and the key's oldest above MAX_SESSIONS go."""
@@ -62,7 +91,7 @@ class KeyRepository:
         query = select(api_key).order_by(api_key.c.id).limit(limit)
         if after is not None:
             query = query.where(api_key.c.id > after)
-        return [KeyRecord(**row) for row in self._connection.execute(query).mappings()]
+        return [_record(row) for row in self._connection.execute(query).mappings()]
 
     def count(self) -> int:
         """How many keys there are."""
@@ -77,3 +106,8 @@ class KeyRepository:
         self._connection.execute(delete(session).where(session.c.key_id == key_id))
         if self._connection.execute(delete(api_key).where(api_key.c.id == key_id)).rowcount == 0:
             raise KeyNotFoundError(key_id)
+
+
+def _record(row: RowMapping) -> KeyRecord:
+    values = {name: value for name, value in row.items() if name != "locations"}
+    return KeyRecord(**values, scope=Scope.loaded(row["locations"]))

@@ -6,8 +6,10 @@ from typing import Any
 from sqlalchemy import Connection, bindparam, delete, func, insert, select, update
 
 from tidemap.errors import LocationExistsError, LocationNotFoundError
+from tidemap.scope import EVERYWHERE, Scope
 from tidemap.storage.counters import take
 from tidemap.storage.records import LocationRecord
+from tidemap.storage.scoping import inside
 from tidemap.storage.tables import anomaly
 from tidemap.storage.tables import location as location_table
 
@@ -40,9 +42,12 @@ class LocationRepository:
         """Whether there still is a location of this id."""
         return self._connection.execute(_BY_ID, {"id": location_id}).first() is not None
 
-    def list(self, after: str | None = None, limit: int | None = None) -> list[LocationRecord]:
+    def list(
+        self, after: str | None = None, limit: int | None = None, scope: Scope = EVERYWHERE
+    ) -> list[LocationRecord]:
         """In order of their names."""
-        query = select(location_table).order_by(location_table.c.name).limit(limit)
+        query = select(location_table).where(inside(location_table.c.name, scope))
+        query = query.order_by(location_table.c.name).limit(limit)
         if after is not None:
             query = query.where(location_table.c.name > after)
         return [LocationRecord.of(row) for row in self._connection.execute(query).mappings()]

@@ -1,0 +1,68 @@
+"""What commands share: how they end, where the database or the server is."""
+
+import argparse
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tidemap import log
+
+if TYPE_CHECKING:
+    from tidemap.settings import Settings
+
+DONE, FAILED, WRONG_USAGE = 0, 1, 2
+
+
+def failed(message: str) -> int:
+    """Say why a command failed; its exit status."""
+    print(f"tidemap: {message}", file=sys.stderr)
+    return FAILED
+
+
+def add_database(command: argparse.ArgumentParser) -> None:
+    """The options that say where the database is."""
+    where = command.add_mutually_exclusive_group()
+    where.add_argument("--data", type=Path, help="folder of the embedded database (default ./data)")
+    where.add_argument("--database-url", help="postgresql+psycopg://… instead of the embedded database")
+
+
+def add_server(command: argparse.ArgumentParser, who: str) -> None:
+    """The options that say where a server is and whose key is sent."""
+    command.add_argument("--url", default="http://127.0.0.1:8000", help="the server (default %(default)s)")
+    command.add_argument("--key", default=os.environ.get("TIDEMAP_KEY"), help=f"{who}'s key (default: TIDEMAP_KEY)")
+
+
+def add_json(command: argparse.ArgumentParser) -> None:
+    """The option of what a script may want to read."""
+    command.add_argument("--json", action="store_true", help="print JSON")
+
+
+def time_option(text: str) -> float:
+    """Unix seconds of an option: ISO 8601 with a zone, or a number."""
+    from tidemap.schemas.common import parse_time_text
+
+    try:
+        return parse_time_text(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def settings_of(arguments: argparse.Namespace) -> "Settings":
+    """The settings of a command: what its options say, else the environment."""
+    from tidemap.settings import Settings
+
+    names = Settings.model_fields.keys() & vars(arguments).keys()
+    given = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
+    settings = Settings(**given)
+    log.configure(settings.log_level)
+    return settings
+
+
+def existing_settings(arguments: argparse.Namespace) -> "Settings":
+    """The settings of a command that makes no database. Raises DatabaseUnusableError where there is none."""
+    from tidemap.storage.store import require_database
+
+    settings = settings_of(arguments)
+    require_database(settings.url)
+    return settings

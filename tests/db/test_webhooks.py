@@ -1,0 +1,200 @@
+"""The sender of webhooks: nothing is missed, whatever a receiver does; sent again under the same id; by the leader."""
+
+import random
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from tests.support.contexts import at_work, elected, make_location, opened, post_states, refit
+from tests.support.fleet import dice
+from tests.support.receiver import BREAK, Receiver, receiving
+from tests.support.waiting import until
+from tidemap.scope import EVERYWHERE, Scope
+from tidemap.services import delivery
+from tidemap.services.context import Context
+from tidemap.services.locations import delete_location
+from tidemap.services.webhooks import change_webhook, create_webhook, list_deliveries, retry_delivery
+from tidemap.storage.records import DeliveryRecord
+from tidemap.workers.webhooks import WebhookSender
+
+
+@pytest.fixture
+def ctx(database_url: str, tmp_path: Path) -> Iterator[Context]:
+    """A context on the real clock: receivers refuse what is old."""
+    with opened(database_url, time.time, webhooks_private=True, data=tmp_path) as context:  # type: ignore[arg-type]
+        yield context
+
+
+@contextmanager
+def sending(ctx: Context) -> Iterator[WebhookSender]:
+    with elected(ctx) as election, at_work(WebhookSender(ctx, election)) as sender:
+        yield sender
+
+
+def room(ctx: Context, name: str = "door") -> str:
+    """A location that was never occupied."""
+    make_location(ctx, name, interval_s=1.0, estimator="static", confidence=0.75)
+    post_states(ctx, name, range(20), [0] * 20)
+    refit(ctx, name)
+    return name
+
+
+def alarm(ctx: Context, name: str, number: int) -> int:
+    """An anomaly; its id."""
+    (event,) = post_states(ctx, name, [1000.0 + 100 * number], [1]).anomalies
+    return event.id
+
+
+def subscribe(ctx: Context, receiver: Receiver, scope: Scope = EVERYWHERE) -> int:
+    made = create_webhook(ctx, receiver.url, "", scope)
+    receiver.secret = made.secret
+    return made.record.id
+
+
+def deliveries(ctx: Context, webhook: int, state: str) -> list[DeliveryRecord]:
+    return list_deliveries(ctx, webhook, state, None, 1000)  # type: ignore[arg-type]
+
+
+def ids(entries: list[tuple[str, dict[str, object]]]) -> set[int]:
+    return {message["data"]["id"] for _, message in entries}  # type: ignore[index]
+
+
+def test_a_receiver_that_fails_at_random_misses_nothing(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(delivery, "RETRY_S", (0.0,) * 1000)
+    chance, door = dice(), room(ctx)
+    with receiving(lambda: chance.choice([200, 204, 302, 404, 429, 500, 503, BREAK])) as receiver:
+        webhook = subscribe(ctx, receiver)
+        posted: list[int] = []
+        # Senders come and go in the midst of it, as where another process takes over.
+        for part in range(4):
+            with sending(ctx):
+                posted += [alarm(ctx, door, 10 * part + number) for number in range(10)]
+                wanted = chance.randrange(len(posted)) if part < 3 else len(posted)
+                until(lambda: len(ids(receiver.accepted)) >= wanted)  # noqa: B023
+        until(lambda: len(ids(receiver.accepted)) == len(posted))
+    assert ids(receiver.accepted) == set(posted)
+    names: dict[int, set[str]] = defaultdict(set)
+    for name, message in receiver.came:
+        names[message["data"]["id"]].add(name)
+    assert {len(each) for each in names.values()} == {1}, "an id stays through all attempts"
+    assert len(set.union(*names.values())) == len(posted)
+    with sending(ctx):
+        until(lambda: not deliveries(ctx, webhook, "waiting"))
+    assert deliveries(ctx, webhook, "failed") == []
+    assert {each.anomaly_id for each in deliveries(ctx, webhook, "delivered")} == set(posted)
+
+
+def test_what_fails_is_tried_ever_more_rarely_and_put_aside(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    door = room(ctx)
+    status = 500
+    with receiving(lambda: status) as receiver, sending(ctx):
+        webhook = subscribe(ctx, receiver)
+        alarm(ctx, door, 1)
+        (waiting,) = until(lambda: [each for each in deliveries(ctx, webhook, "waiting") if each.attempts])
+        assert (waiting.attempts, waiting.status) == (1, 500)
+        assert waiting.error == "the receiver answered 500"
+        assert delivery.RETRY_S[0] <= waiting.next_at - ctx.clock() + 60 <= delivery.RETRY_S[0] * 1.1 + 60
+        monkeypatch.setattr(delivery, "RETRY_S", (0.0,) * 3)
+        ctx.store.write(lambda work: work.webhooks.change_delivery(waiting.id, next_at=0.0))
+        (failed,) = until(lambda: deliveries(ctx, webhook, "failed"))
+        assert (failed.attempts, failed.message_id) == (4, waiting.message_id)
+        status = 204
+        retry_delivery(ctx, webhook, failed.id)
+        (delivered,) = until(lambda: deliveries(ctx, webhook, "delivered"))
+        assert (delivered.message_id, delivered.attempts) == (waiting.message_id, 1)
+    assert len(receiver.came) == 5
+
+
+def test_a_receiver_that_hangs_holds_up_no_other(ctx: Context) -> None:
+    door = room(ctx)
+
+    def hang() -> int:
+        until(lambda: len(quick.accepted) == 3)
+        return 204
+
+    with receiving() as quick, receiving(hang) as slow, sending(ctx):
+        for each in (slow, quick):
+            subscribe(ctx, each)
+        posted = {alarm(ctx, door, number) for number in range(3)}
+        until(lambda: len(slow.accepted) == 3)
+    assert ids(quick.accepted) == ids(slow.accepted) == posted
+
+
+def test_only_what_a_webhook_is_for_is_sent_and_a_pause_loses_nothing(ctx: Context) -> None:
+    door, yard = room(ctx), room(ctx, "yard-gate")
+    alarm(ctx, yard, 0)
+    with receiving() as receiver, sending(ctx):
+        webhook = subscribe(ctx, receiver, Scope(("yard-*",)))
+        alarm(ctx, door, 1)
+        first = alarm(ctx, yard, 1)
+        until(lambda: len(receiver.accepted) == 1)
+        change_webhook(ctx, webhook, {"enabled": False})
+        second = alarm(ctx, yard, 2)
+        change_webhook(ctx, webhook, {"enabled": True})
+        until(lambda: len(receiver.accepted) == 2)
+        assert ids(receiver.accepted) == {first, second}
+        message = receiver.accepted[0][1]
+        assert (message["type"], message["data"]["location"]) == ("anomaly", "yard-gate")
+
+
+def test_a_receiver_that_is_gone_is_left_alone(ctx: Context) -> None:
+    door = room(ctx)
+    with receiving(lambda: 410) as receiver, sending(ctx):
+        webhook = subscribe(ctx, receiver)
+        alarm(ctx, door, 1)
+        assert until(lambda: deliveries(ctx, webhook, "failed"))
+        with ctx.store.read() as work:
+            assert not work.webhooks.get(webhook).enabled
+
+
+def test_redirects_are_not_followed(ctx: Context) -> None:
+    door = room(ctx)
+    with receiving() as other, receiving(lambda: 302, {"Location": other.url}) as receiver, sending(ctx):
+        webhook = subscribe(ctx, receiver)
+        alarm(ctx, door, 1)
+        (waiting,) = until(lambda: [each for each in deliveries(ctx, webhook, "waiting") if each.attempts])
+        assert waiting.status == 302
+    assert other.came == []
+
+
+def test_another_key_signs_nothing(ctx: Context) -> None:
+    door = room(ctx)
+    with receiving() as receiver, sending(ctx):
+        webhook = subscribe(ctx, receiver)
+        ctx.settings.secret_path.write_bytes(b"A" * 43 + b"=")
+        alarm(ctx, door, 1)
+        (waiting,) = until(lambda: [each for each in deliveries(ctx, webhook, "waiting") if each.attempts])
+        assert waiting.status is None
+        assert "not the one that this webhook was made with" in str(waiting.error)
+    assert receiver.came == []
+
+
+def test_of_a_location_that_is_gone_nothing_is_sent(ctx: Context) -> None:
+    door = room(ctx)
+    with receiving() as receiver:
+        webhook = subscribe(ctx, receiver)
+        number = alarm(ctx, door, 1)
+        ctx.store.write(lambda work: work.webhooks.add_deliveries(webhook, {number: "msg_x"}, number, ctx.clock()))
+        delete_location(ctx, door)
+        with sending(ctx):
+            until(lambda: not deliveries(ctx, webhook, "waiting"))
+        assert receiver.came == []
+
+
+def test_more_than_may_wait_waits_in_its_own_table(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(delivery, "MAX_WAITING", 2)
+    door = room(ctx)
+    with receiving() as receiver:
+        webhook = subscribe(ctx, receiver)
+        posted = {alarm(ctx, door, number) for number in range(random.randint(5, 9))}
+        with ctx.store.read() as work:
+            record = work.webhooks.get(webhook)
+        delivery.add_due(ctx, record)
+        assert len(deliveries(ctx, webhook, "waiting")) == 2
+        with sending(ctx):
+            until(lambda: len(receiver.accepted) == len(posted))
+    assert ids(receiver.accepted) == posted

@@ -1,0 +1,100 @@
+"""Readers whose connections break at any byte miss nothing and hear nothing twice, over both transports."""
+
+import asyncio
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from itertools import chain, islice, repeat
+
+import httpx
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from tests.support.cutting import cutting
+from tests.support.server import ServerProcess
+from tests.support.server_sent import event_source
+from tests.support.site import Site
+from tests.support.waiting import until
+from tidemap.client import AsyncClient, Client, RetryPolicy
+
+EVENTS = 60
+EAGER = RetryPolicy(tries=10_000, first_s=0.001, max_s=0.01)
+Read = Callable[[str, str, int], list[int]]
+"""The ids of the next anomalies of a location that a reader of a server hears: (url, location, how many)."""
+
+
+@pytest.fixture(scope="module")
+def site(shared_server: ServerProcess) -> Iterator[Site]:
+    with Site(shared_server) as made:
+        yield made
+
+
+def by_client(url: str, room: str, number: int) -> list[int]:
+    """Over the WebSocket, with the client."""
+    with Client(url, retry=EAGER) as client:
+        return [each.id or 0 for each in islice(client.events(room, "anomaly"), number)]
+
+
+def by_event_source(url: str, room: str, number: int) -> list[int]:
+    """Over Server-Sent Events, as a browser reconnects."""
+    found: list[int] = []
+    last_id = None
+    while len(found) < number:
+        with suppress(httpx.TransportError), event_source(url, f"?location={room}&kind=anomaly", last_id) as source:
+            try:
+                last_id = last_id or source.headers["Last-Event-ID"]
+                found.extend(message["id"] for message in islice(source, number - len(found)))
+            finally:
+                # A cut may come between the line with the id and its data.
+                last_id = str(found[-1]) if found else last_id
+    return found
+
+
+both = pytest.mark.parametrize("read", [by_client, by_event_source])
+
+
+@both
+@settings(max_examples=12, suppress_health_check=list(HealthCheck))
+@given(cuts=st.lists(st.integers(0, 3000), max_size=30))
+def test_connections_that_break_at_any_byte_cost_nothing(site: Site, read: Read, cuts: list[int]) -> None:
+    room = site.empty_room()
+    # The first connection lasts until it knows where it stands: what came before is not asked for.
+    allowed = chain([1000], cuts, repeat(None))
+    with cutting(site.server.port, lambda: next(allowed)) as proxy, ThreadPoolExecutor(1) as pool:
+        reading = pool.submit(read, proxy.url, room, EVENTS)
+        until(lambda: _listeners(site) or proxy.connections > 1)
+        for moment in range(100, 100 + 2 * EVENTS, 2):
+            site.observe(room, [moment], [1])
+        assert reading.result() == site.anomalies(location=room)
+    until(lambda: not _listeners(site))
+
+
+@pytest.mark.parametrize("awaited", [False, True])
+def test_the_client_listens_for_ever_where_every_connection_is_ended(site: Site, awaited: bool) -> None:
+    """And what happens before the first message is delivered, though nobody was connected then."""
+    room = site.empty_room()
+    with cutting(site.server.port, lasts_s=0.3) as proxy, ThreadPoolExecutor(1) as pool:
+        policy = RetryPolicy(tries=2, first_s=0.01, max_s=0.05)
+        reading = pool.submit(_first_awaited if awaited else _first, proxy.url, room, policy)
+        until(lambda: proxy.connections > 4 * policy.tries)
+        posted = site.observe(room, [100], [1])["anomalies"][0]["id"]
+        assert reading.result() == posted
+
+
+def _first(url: str, room: str, policy: RetryPolicy) -> int | None:
+    with Client(url, retry=policy) as client:
+        return next(client.events(room, "anomaly")).id
+
+
+def _first_awaited(url: str, room: str, policy: RetryPolicy) -> int | None:
+    async def read() -> int | None:
+        async with AsyncClient(url, retry=policy) as client:
+            return (await anext(client.events(room, "anomaly"))).id
+
+    return asyncio.run(read())
+
+
+def _listeners(site: Site) -> float:
+    lines = site.http.get(f"{site.server.url}/metrics").text.splitlines()
+    return sum(float(line.split()[-1]) for line in lines if line.startswith("tidemap_listeners{"))
