@@ -68,6 +68,16 @@ LOCATIONS = [
     location({"missing": "guess"}, "missing"),
     location({"missing": "hold"}, None, "hold_s"),
     *(location({"hold_s": value}, "hold_s") for value in (0, -1, NAN, 1e300)),
+    *(
+        location({"calendar": value}, "calendar")
+        for value in ("", "gb", "GBR", "GB-", "XX", "GB-XX", "England", 3, ["GB"])
+    ),
+    location({"calendar": "ZZ"}, "calendar", "ISO 3166"),
+    location({"pose": {"position": [0, 1]}}, "pose.position[2]"),
+    location({"pose": {"position": [0, 1, NAN]}}, "pose.position[2]"),
+    location({"pose": {"frame": "", "position": [0, 1, 2]}}, "pose.frame"),
+    location({"pose": {"frame": "map"}}, "pose.position"),
+    location({"pose": [0, 1, 2]}, "pose"),
     *(location({"retention": value}, "retention") for value in (0, -5, INFINITY, 1e300)),
     *(location({"min_cells": value}, "min_cells") for value in (0, -1, 1.5, 2**31, 10**30)),
     location({"kind": "grid3d"}, None, "grid"),

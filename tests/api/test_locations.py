@@ -2,6 +2,7 @@
 
 from datetime import datetime
 
+import numpy as np
 import pytest
 
 from tests.api.house import GRID, HOUR, NOW, Api, done, fortnight, problem
@@ -22,6 +23,8 @@ def test_a_new_location_shows_its_settings_and_what_is_known_of_it(api: Api) -> 
         "missing": "hold",
         "hold_s": 600,
         "retention": 86400 * 30,
+        "calendar": "GB-SCT",
+        "pose": {"frame": "building", "position": [1.5, -2.0, 0.0]},
     }
     answer = api.post("/locations", form)
     made = done(answer, 201)
@@ -48,6 +51,8 @@ def test_what_is_left_out_has_the_documented_defaults(api: Api) -> None:
         "confidence": 0.9,
         "missing": "mask",
         "epoch": "1970-01-01T00:00:00Z",
+        "calendar": None,
+        "pose": None,
     }
     assert {name: made[name] for name in defaults} == defaults
 
@@ -101,6 +106,10 @@ def test_settings_can_be_changed_one_by_one(api: Api) -> None:
         {"missing": "hold"},
         {"retention": 1e6},
         {"retention": None},
+        {"calendar": "DE-BY"},
+        {"calendar": None},
+        {"pose": {"frame": "map", "position": [0.0, 1.0, 2.0]}},
+        {"pose": None},
         {"min_cells": 4},
         {},
     ]
@@ -212,3 +221,16 @@ def seconds(text: str) -> float:
 def test_times_come_out_as_iso_8601_in_utc(api: Api) -> None:
     name = api.location(epoch=-HOUR / 2)
     assert api.facts(name)["epoch"] == "1969-12-31T23:30:00Z"
+
+
+def test_a_public_holiday_is_predicted_as_a_sunday(api: Api) -> None:
+    name = api.location(estimator="calendar", interval_s=3600, time_zone="Europe/London", calendar="GB-ENG")
+    hours = np.arange(6 * 7 * 24)
+    time = NOW - HOUR * (hours.size - hours)
+    opened = (hours % 24 >= 9) & (hours % 24 < 17) & (hours // 24 % 7 < 5)
+    api.observe(name, time.tolist(), opened.astype(int).tolist())
+    api.update(name)
+    good_friday, a_friday = "2026-04-03T12:00:00Z", "2026-04-10T12:00:00Z"
+    answer = done(api.post(f"/locations/{name}/predict", {"time": [good_friday, a_friday], "given": "model"}))
+    holiday, working = answer["probability"][0]
+    assert holiday < 0.1 < 0.9 < working

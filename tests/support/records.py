@@ -23,6 +23,8 @@ def location_record(**values: Any) -> LocationRecord:
         "hold_s": None,
         "retention_s": None,
         "min_cells": 1,
+        "calendar": None,
+        "pose": None,
         "created_at": 0.0,
         "observation_seq": 0,
         "compacted_seq": 0,

@@ -11,7 +11,7 @@ from tidemap.schemas.anomalies import Event
 from tidemap.schemas.common import Page
 from tidemap.schemas.jobs import Job
 from tidemap.schemas.keys import Key, NewKey, Role
-from tidemap.schemas.locations import Combine, EstimatorChoice, Grid, Kind, Location, Missing, OrderChoice
+from tidemap.schemas.locations import Combine, EstimatorChoice, Grid, Kind, Location, Missing, OrderChoice, Position
 
 Handle = TypeVar("Handle")
 Items: TypeAlias = list[F]
@@ -68,11 +68,14 @@ class ClientOperations(AnomalyOperations, Generic[Handle]):
         combine: Combine | None = None,
         retention: float | None = None,
         min_cells: int | None = None,
+        calendar: str | None = None,
+        pose: Position | Mapping[str, Any] | None = None,
     ) -> Plan[Handle]:
         """Make a location and return its handle; what is left out is the server's default.
 
         `interval_s` is the length of a sample in seconds, `time_zone` an IANA name, `grid` the cells of the
-        kinds grid2d and grid3d: frame, origin (metres), resolution_m and shape.
+        kinds grid2d and grid3d: frame, origin (metres), resolution_m and shape. `calendar` is an ISO 3166 code (GB,
+        DE-BY), whose public holidays count as Sundays; `pose` is where the location stands (frame, position).
         """
         form = present(
             name=name,
@@ -89,6 +92,8 @@ class ClientOperations(AnomalyOperations, Generic[Handle]):
             combine=combine,
             retention=retention,
             min_cells=min_cells,
+            calendar=calendar,
+            pose=pose.model_dump() if isinstance(pose, Position) else pose,
         )
         location = yield from ask(Location, post(f"{self.path}/locations", form, repeatable=False))
         return self.location(location.name)

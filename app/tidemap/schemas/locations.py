@@ -47,6 +47,11 @@ def _known_zone(name: str) -> str:
     return name
 
 
+CalendarCode = Annotated[str, Field(pattern=r"^[A-Z]{2}(-[A-Z0-9]{1,3})?$", examples=["GB", "DE-BY"])]
+CALENDAR = (
+    "ISO 3166 code of a country (`GB`) or of a part of one (`GB-ENG`): its public holidays count as Sundays in models "
+    "of the estimator `calendar`."
+)
 TimeZone = Annotated[str, AfterValidator(_known_zone), Field(examples=["Europe/London"])]
 
 
@@ -62,6 +67,13 @@ class Grid(Form):
     def n_cells(self) -> int:
         """How many cells the grid has."""
         return math.prod(self.shape)
+
+
+class Position(Form):
+    """Where a location stands in a frame, in metres: a door or a room in the map of its building."""
+
+    frame: Text = Field("map", min_length=1, max_length=128)
+    position: Annotated[tuple[Metres, Metres, Metres], Strict(False)]
 
 
 class LocationForm(Form):
@@ -94,6 +106,8 @@ class LocationForm(Form):
         None, description="Forget what is older than this many seconds by the server's clock; posts of it are dropped."
     )
     min_cells: MinCells = Field(1, description="Events of fewer neighbouring cells are not reported.")
+    calendar: CalendarCode | None = Field(None, description=CALENDAR)
+    pose: Position | None = Field(None, description="Where it stands in the map of its building.")
 
     @model_validator(mode="after")
     def _consistent(self) -> "LocationForm":
@@ -130,6 +144,8 @@ class LocationPatch(Form):
     combine: Combine | None = None
     retention: Seconds | None = None
     min_cells: MinCells | None = None
+    calendar: CalendarCode | None = None
+    pose: Position | None = None
 
     kind: Fixed = None
     interval_s: Fixed = None
@@ -155,6 +171,8 @@ class Location(Answer):
     combine: Combine = "latest"
     retention: float | None
     min_cells: int
+    calendar: str | None = None
+    pose: Position | None = None
     created_at: TimeOut
     observations: int
     first_time: TimeOut | None

@@ -6,7 +6,9 @@ from typing import TypedDict
 from tidemap.errors import InvalidInputError
 from tidemap.services.context import Context
 from tidemap.space.grid import GridGeometry
-from tidemap.storage.records import LocationRecord, RevisionRecord, grid_text
+from tidemap.space.pose import FramedPosition
+from tidemap.spectral.civil import knows_calendar
+from tidemap.storage.records import LocationRecord, RevisionRecord, text_of
 from tidemap.storage.work import Work
 
 
@@ -28,6 +30,8 @@ class NewLocation:
     combine: str = "latest"
     retention_s: float | None = None
     min_cells: int = 1
+    calendar: str | None = None
+    pose: FramedPosition | None = None
 
 
 class LocationChanges(TypedDict, total=False):
@@ -43,6 +47,8 @@ class LocationChanges(TypedDict, total=False):
     combine: str
     retention_s: float | None
     min_cells: int
+    calendar: str | None
+    pose: FramedPosition | None
 
 
 @dataclass(frozen=True)
@@ -62,18 +68,21 @@ def create_location(ctx: Context, new: NewLocation) -> LocationSummary:
             "grid.shape",
             f"{n_cells} cells are more than this server's {ctx.settings.max_cells}; use several locations",
         )
+    _check_calendar(new.calendar)
     values = {each.name: getattr(new, each.name) for each in fields(new)}
-    values |= {"grid": None if new.grid is None else grid_text(new.grid), "created_at": ctx.clock()}
+    values |= {"grid": text_of(new.grid), "pose": text_of(new.pose), "created_at": ctx.clock()}
     record = ctx.store.write(lambda work: work.locations.create(values))
     return _summary(record, None, 0)
 
 
 def change_location(ctx: Context, name: str, changes: LocationChanges) -> LocationSummary:
     """Raises LocationNotFoundError, LocationExistsError, InvalidInputError."""
+    _check_calendar(changes.get("calendar"))
+    values = {**changes, **({"pose": text_of(changes["pose"])} if "pose" in changes else {})}
 
     def change(work: Work) -> None:
         _refuse_recombining(work.locations.get(name), changes.get("combine"))
-        record = work.locations.change(name, changes)
+        record = work.locations.change(name, values)
         if record.missing == "hold" and record.hold_s is None:
             raise InvalidInputError.at("hold_s", "`missing` = 'hold' needs the seconds a state stands at most")
 
@@ -88,6 +97,13 @@ def _refuse_recombining(record: LocationRecord, combine: str | None) -> None:
             "combine",
             f"the observations of this location are combined by {record.combine!r}, which cannot be taken apart again; "
             "make a new location, or delete its observations first",
+        )
+
+
+def _check_calendar(code: str | None) -> None:
+    if code is not None and not knows_calendar(code):
+        raise InvalidInputError.at(
+            "calendar", f"there are no public holidays of {code!r} here; use an ISO 3166 code such as GB or DE-BY"
         )
 
 

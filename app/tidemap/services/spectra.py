@@ -109,10 +109,11 @@ def _wanted(
 def recipe_for(location: LocationRecord, revision: RevisionRecord, estimator: str, order: int | None) -> Recipe:
     """How to fit a location by some estimator: as its revision does where that has the same."""
     if estimator == "static":
-        return Recipe(estimator, 0, location.time_zone)
+        return Recipe(estimator, 0, location.time_zone, calendar=location.calendar)
     if estimator == revision.estimator:
         return revision.recipe if order is None else replace(revision.recipe, order=order)
-    return Recipe(estimator, DEFAULT_ORDER[estimator] if order is None else order, location.time_zone)
+    order = DEFAULT_ORDER[estimator] if order is None else order
+    return Recipe(estimator, order, location.time_zone, calendar=location.calendar)
 
 
 DEFAULT_ORDER = {"fft": 3, "calendar": ORDER}

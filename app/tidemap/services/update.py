@@ -156,12 +156,13 @@ def _select(
     estimator = request.estimator or location.estimator
     order = request.order if request.order is not None else (location.order or "auto")
     if estimator == "static":
-        return Choice(estimator, 0, (), "", 0, location.time_zone)
+        return Choice(estimator, 0, (), "", 0, location.time_zone, calendar=location.calendar)
     if estimator == "fft" and isinstance(order, int):
-        return Choice(estimator, order, (), "", 0, location.time_zone)
+        return Choice(estimator, order, (), "", 0, location.time_zone, calendar=location.calendar)
     orders = ORDERS if order == "auto" else (int(order),)
     sampled = _sample_cells(ctx, location, samples, check, SELECTION_CELLS)
-    return choose(sampled, location.base, orders, SELECTION_CELLS, location.time_zone, estimator, check)
+    zone = (location.time_zone, estimator, check, location.calendar)
+    return choose(sampled, location.base, orders, SELECTION_CELLS, *zone)
 
 
 def _sample_cells(

@@ -17,6 +17,14 @@ MAX_ROTATION_ERROR = 0.01
 """How far an entry of RᵀR may be from that of the identity."""
 
 
+@dataclass(frozen=True, slots=True)
+class FramedPosition:
+    """A point (x, y, z) in metres of a frame."""
+
+    frame: str
+    position: tuple[float, float, float]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose:
     """The transform `map_from_sensor`: it takes points of the sensor's frame into that of the map.

@@ -43,6 +43,8 @@ STORED_NAMES: Final = {"carry_over": "follow", "level_sd": "doubt"}
 class Recipe:
     """Estimator and order; time_zone (IANA) and all below are for `calendar`.
 
+    calendar: an ISO 3166 code (`GB`, `GB-ENG`); its public holidays count as Sundays.
+
     The logits of several priors are averaged. period_s: a period that is no part of a week, in
     seconds. carry_over: the share of the last day's departure from the rhythm that is kept for what
     comes; level_sd: how far, on the logit scale, a week may be off where one was seen: see `level`.
@@ -56,6 +58,7 @@ class Recipe:
     period_s: float | None = None
     carry_over: float = 0.0
     level_sd: float = 0.0
+    calendar: str | None = None
 
     def __post_init__(self) -> None:
         if self.order < 0:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tidemap.history.timebase import TimeBase
-from tidemap.spectral.civil import civil_seconds
+from tidemap.spectral.civil import week_seconds
 
 Link = Literal["identity", "logit"]
 
@@ -26,7 +26,8 @@ class Spectrum:
     cell (n_varying,) int32, ascending: the cells that have waves; index (n_varying, order) uint16
     or uint32 into the table; coefficient (n_varying, order) complex64, descending in magnitude,
     padded with zeros. τ(t) is `tau`, the same all over a sample of `base`: p(t) is the expectation for
-    the sample that contains t. The weekend gate passes days 5 and 6 of weeks of τ.
+    the sample that contains t. The weekend gate passes days 5 and 6 of weeks of τ. Public holidays of `calendar`
+    (an ISO 3166 code) count as Sundays.
     """
 
     link: Link
@@ -39,6 +40,7 @@ class Spectrum:
     index: NDArray[np.uint16] | NDArray[np.uint32]
     coefficient: NDArray[np.complex64]
     base: TimeBase
+    calendar: str | None = None
 
     def __post_init__(self) -> None:
         n_varying, order = self.coefficient.shape
@@ -107,12 +109,12 @@ def tau(spectrum: Spectrum, time: ArrayLike) -> NDArray[np.float64]:
     """τ(t) in seconds, of the shape of `time` (Unix seconds), the same for all of the sample that contains t.
 
     Seconds from origin_s, where a sample starts, to the start of that sample; in a time zone the civil seconds of its
-    middle since Monday, 5 January 1970. All that evaluates a spectrum at a time comes through here, so that predicting,
-    judging, fitting and showing mean the same p(t).
+    middle since Monday, 5 January 1970, in which a public holiday is the Sunday of its week. All that evaluates a
+    spectrum at a time comes through here, so that predicting, judging, fitting and showing mean the same p(t).
     """
     if spectrum.time_zone is None:
         return np.asarray(spectrum.base.time(spectrum.base.sample(time)) - spectrum.origin_s)
-    return civil_seconds(spectrum.base.middle_of(time), spectrum.time_zone)
+    return week_seconds(spectrum.base.middle_of(time), spectrum.time_zone, spectrum.calendar)
 
 
 def gates(spectrum: Spectrum, tau_s: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -129,9 +131,7 @@ def truncate(spectrum: Spectrum, order: int) -> Spectrum:
     if order >= spectrum.order:
         return spectrum
     if order == 0:
-        return replace(
-            static(spectrum.mean, spectrum.base, spectrum.origin_s, spectrum.link), time_zone=spectrum.time_zone
-        )
+        return _without_waves(spectrum)
     kept = replace(
         spectrum,
         index=spectrum.index[:, :order].copy(),
@@ -201,9 +201,7 @@ def compact(spectrum: Spectrum) -> Spectrum:
     if used.all():
         return spectrum
     if not used.any():
-        return replace(
-            static(spectrum.mean, spectrum.base, spectrum.origin_s, spectrum.link), time_zone=spectrum.time_zone
-        )
+        return _without_waves(spectrum)
     position = np.maximum(np.cumsum(used) - 1, 0)
     return replace(
         spectrum,
@@ -221,14 +219,13 @@ def index_type(n_waves: int) -> type[np.uint16] | type[np.uint32]:
 def concatenate(spectra: Sequence[Spectrum]) -> Spectrum:
     """One spectrum of the cells of all, in order; the wave tables are united and sorted.
 
-    ValueError where link, origin, time zone or time base differ, or there is none.
+    ValueError where link, origin, time zone, calendar or time base differ, or there is none.
     """
     if not spectra:
         raise ValueError("nothing to concatenate")
     first = spectra[0]
-    scale = (first.link, first.origin_s, first.time_zone, first.base)
-    if any((each.link, each.origin_s, each.time_zone, each.base) != scale for each in spectra):
-        raise ValueError("the spectra differ in link, origin, time zone or time base")
+    if any(_scale(each) != _scale(first) for each in spectra):
+        raise ValueError("the spectra differ in link, origin, time zone, calendar or time base")
     waves, inverse = _unite(spectra)
     order = max(each.order for each in spectra)
     offset = np.cumsum([0] + [each.n_cells for each in spectra])
@@ -244,6 +241,18 @@ def concatenate(spectra: Sequence[Spectrum]) -> Spectrum:
         index=np.where(coefficient == 0, index.dtype.type(0), index),
         coefficient=coefficient,
     )
+
+
+def _without_waves(spectrum: Spectrum) -> Spectrum:
+    return replace(
+        static(spectrum.mean, spectrum.base, spectrum.origin_s, spectrum.link),
+        time_zone=spectrum.time_zone,
+        calendar=spectrum.calendar,
+    )
+
+
+def _scale(spectrum: Spectrum) -> tuple[object, ...]:
+    return spectrum.link, spectrum.origin_s, spectrum.time_zone, spectrum.calendar, spectrum.base
 
 
 _WAVE = np.dtype([("gate", np.uint8), ("frequency_hz", np.float64)])

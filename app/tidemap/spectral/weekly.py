@@ -53,7 +53,10 @@ def fill_weekly(spectrum: Spectrum, base: TimeBase, week: Clock, first: int, thr
     block = first + np.arange(words.shape[1])
     begins, ends = (tau(spectrum, base.time(block * WORD + at)) for at in (0, WORD - 1))
     step = week.step(begins)
-    odd = np.flatnonzero(np.abs(ends - begins - (WORD - 1) * base.interval_s) > NEAR)
+    span_s = (WORD - 1) * base.interval_s
+    # A block that is longer than a day may hold a holiday that neither of its ends shows.
+    hidden = spectrum.calendar is not None and span_s >= DAY_S
+    odd = np.flatnonzero((np.abs(ends - begins - span_s) > NEAR) | hidden)
     samples = (block[odd, np.newaxis] * WORD + np.arange(WORD)).ravel()
     single = week.step(tau(spectrum, base.time(samples)))
     reached = np.concatenate((step // WORD, (step + WORD - 1) // WORD, single // WORD))

@@ -88,6 +88,7 @@ def pack_spectrum(spectrum: Spectrum) -> bytes:
             "link": np.array(spectrum.link.encode()),
             "origin_s": np.array(spectrum.origin_s),
             "time_zone": np.array((spectrum.time_zone or "").encode()),
+            **({"calendar": np.array(spectrum.calendar.encode())} if spectrum.calendar else {}),
             **{name: getattr(spectrum, name) for name in _SPECTRUM},
         },
         SMALL,
@@ -103,6 +104,7 @@ def unpack_spectrum(blob: bytes, what: str, base: TimeBase) -> Spectrum:
         time_zone=columns["time_zone"].item().decode() or None,
         **{name: columns[name] for name in _SPECTRUM},
         base=base,
+        calendar=columns["calendar"].item().decode() if "calendar" in columns else None,
     )
 
 

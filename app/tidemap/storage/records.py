@@ -15,6 +15,7 @@ from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.timebase import TimeBase
 from tidemap.history.values import ValueKind
 from tidemap.space.grid import SINGLE, Extent, GridGeometry
+from tidemap.space.pose import FramedPosition
 from tidemap.spectral.conditioning import UNLEARNED, Persistence
 from tidemap.spectral.recipe import Recipe
 from tidemap.storage.blobs import unpack_json
@@ -46,6 +47,8 @@ class LocationRecord:
     combine: str
     retention_s: float | None
     min_cells: int
+    calendar: str | None
+    pose: FramedPosition | None
     created_at: float
     observation_seq: int
     compacted_seq: int
@@ -58,7 +61,7 @@ class LocationRecord:
     @classmethod
     def of(cls, row: RowMapping) -> "LocationRecord":
         """From a row of the table."""
-        return cls(**{**row, "grid": grid_of(row["grid"])})
+        return cls(**{**row, "grid": grid_of(row["grid"]), "pose": position_of(row["pose"])})
 
     @property
     def extent(self) -> Extent:
@@ -129,9 +132,18 @@ def grid_of(text: str | None) -> GridGeometry | None:
     return GridGeometry(value["frame"], tuple(value["origin"]), value["resolution_m"], tuple(value["shape"]))
 
 
-def grid_text(grid: GridGeometry) -> str:
-    """A grid as the JSON that is stored of it."""
-    return json.dumps(asdict(grid), separators=(",", ":"), ensure_ascii=False)
+@lru_cache
+def position_of(text: str | None) -> FramedPosition | None:
+    """A position from its stored JSON."""
+    if text is None:
+        return None
+    value = json.loads(text)
+    return FramedPosition(value["frame"], tuple(value["position"]))
+
+
+def text_of(value: GridGeometry | FramedPosition | None) -> str | None:
+    """A grid or a position as the JSON that is stored of it."""
+    return None if value is None else json.dumps(asdict(value), separators=(",", ":"), ensure_ascii=False)
 
 
 @dataclass(frozen=True)

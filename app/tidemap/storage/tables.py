@@ -52,6 +52,8 @@ location = Table(
     Column("combine", String(8), nullable=False, server_default="latest"),
     Column("retention_s", Float(53)),
     Column("min_cells", Integer, nullable=False),
+    Column("calendar", String(8)),
+    Column("pose", Text),
     Column("created_at", Float(53), nullable=False),
     Column("observation_seq", BigInt, nullable=False, default=0),
     Column("compacted_seq", BigInt, nullable=False, default=0),

@@ -132,7 +132,7 @@ def blend(task: Task) -> Blend:
 
 def _with_period(task: Task, mixed: Blend) -> Blend:
     """The same with a period that is no part of the week, where there is one that predicts better."""
-    recipe = Recipe("calendar", waves.N_WAVES, task.time_zone, mixed.priors)
+    recipe = Recipe("calendar", waves.N_WAVES, task.time_zone, mixed.priors, calendar=task.calendar)
     period_s = find_period(task.history, fit_calendar(task.history, recipe, task.base), task.base)
     if period_s is None:
         return mixed

@@ -59,12 +59,20 @@ class Choice:
     period_s: float | None = None
     carry_over: float = 0.0
     level_sd: float = 0.0
+    calendar: str | None = None
 
     @property
     def recipe(self) -> Recipe:
         """What to fit all cells by."""
         return Recipe(
-            self.estimator, self.order, self.time_zone, self.priors, self.period_s, self.carry_over, self.level_sd
+            self.estimator,
+            self.order,
+            self.time_zone,
+            self.priors,
+            self.period_s,
+            self.carry_over,
+            self.level_sd,
+            self.calendar,
         )
 
 
@@ -76,16 +84,32 @@ def choose(
     time_zone: str | None = None,
     estimator: str = "auto",
     check: Callable[[], None] = lambda: None,
+    calendar: str | None = None,
 ) -> Choice:
     """The candidate with the least log loss on days it was not fitted to.
 
     Histories under two weeks are tried by leaving out days, longer ones by predicting the later half
     in parts of up to a week, each from all before it. Cells that change, spread evenly over all of
     them, pooled. The same history always gives the same choice; of equal candidates the simpler one.
-    `calendar` is tried where a time zone is given. Of a single order that is the order of all; of
+    The estimator `calendar` is tried where a time zone is given; public holidays of the country `calendar` (an ISO 3166
+    code) count as Sundays. Of a single order that is the order of all; of
     several they are those of `fft`. Another `estimator` than auto leaves only the rest open. It takes
     seconds; `check` is called meanwhile, and what it raises ends it.
     """
+    found = _choose(history, base, orders, max_cells, time_zone, estimator, check, calendar)
+    return replace(found, calendar=calendar)
+
+
+def _choose(
+    history: History,
+    base: TimeBase,
+    orders: Sequence[int],
+    max_cells: int,
+    time_zone: str | None,
+    estimator: str,
+    check: Callable[[], None],
+    calendar: str | None,
+) -> Choice:
     if few := _too_few(history, base):
         return _without(estimator, orders, time_zone, few)
     recent = folding.recent(history, base)
@@ -94,7 +118,7 @@ def choose(
     if not changing.size:
         return _without(estimator, orders, time_zone, "no cell has changed")
     most = MAX_TRIALS if changing.size <= FEW_CELLS else MAX_TRIALS // 2
-    task = replace(trials.task(recent.cells(changing), base, time_zone or "UTC", most), check=check)
+    task = replace(trials.task(recent.cells(changing), base, time_zone or "UTC", most, calendar), check=check)
     if task.visits.n_days < MIN_DAYS:
         return _without(estimator, orders, time_zone, f"cells that changed were seen on less than {MIN_DAYS} days")
     mixed = blend(task) if time_zone is not None and estimator in ("auto", "calendar") else None

@@ -65,6 +65,7 @@ class Task:
     trials: Sequence[Trial]
     truth: Weeks
     period_s: float | None = None
+    calendar: str | None = None
     check: Callable[[], None] = lambda: None
 
     @property
@@ -88,7 +89,7 @@ class Task:
         """The slots of the week a trial predicts and the middles of the visits to them, (n,) each."""
         chosen = np.flatnonzero((self.visits.day >= trial.first) & (self.visits.day < trial.last))
         middle = (self.visits.start[chosen] + self.visits.stop[chosen] - 1) / 2 + self.history.start
-        weekday = self.visits.date[self.visits.day[chosen]] % folding.DAYS_A_WEEK
+        weekday = self.visits.weekday[self.visits.day[chosen]]
         return weekday * SLOTS_A_DAY + self.visits.slot[chosen], self.base.time(middle)
 
     def _first_sample(self, day: int) -> int:
@@ -96,11 +97,11 @@ class Task:
         return self.history.start + int(self.visits.start[visit]) if visit < self.visits.day.size else self.history.stop
 
 
-def task(history: History, base: TimeBase, time_zone: str, most: int) -> Task:
+def task(history: History, base: TimeBase, time_zone: str, most: int, calendar: str | None = None) -> Task:
     """The trials of all cells of a history."""
-    visits = folding.visits(history, base, time_zone)
+    visits = folding.visits(history, base, time_zone, calendar)
     trials = plan(visits.n_days, most)
-    return Task(history, base, visits, time_zone, trials, _truth(history, visits, trials))
+    return Task(history, base, visits, time_zone, trials, _truth(history, visits, trials), calendar=calendar)
 
 
 def _truth(history: History, visits: Visits, trials: Sequence[Trial]) -> Weeks:

@@ -32,9 +32,9 @@ def fit_calendar(history: History, recipe: Recipe, base: TimeBase) -> Spectrum:
     """
     history = folding.recent(history, base)
     n_observed, n_occupied = history.count_observed(), history.count_occupied()
-    visits = folding.visits(history, base, recipe.time_zone).phased(recipe.period_s)
+    visits = folding.visits(history, base, recipe.time_zone, recipe.calendar).phased(recipe.period_s)
     mean = _means(history, n_observed, n_occupied, visits, base)
-    plain = replace(static(mean, base, link="logit"), time_zone=recipe.time_zone)
+    plain = replace(static(mean, base, link="logit"), time_zone=recipe.time_zone, calendar=recipe.calendar)
     varying = np.flatnonzero((n_occupied > 0) & (n_occupied < n_observed))
     if not varying.size:
         return plain

@@ -17,9 +17,8 @@ from tidemap.history.history import History
 from tidemap.history.jit import fused_kernel, kernel
 from tidemap.history.timebase import TimeBase
 from tidemap.spectral.calendar.waves import DAY_S, PHASES, SLOT_S, SLOTS, SLOTS_A_DAY, WEEK_S
-from tidemap.spectral.civil import civil_seconds
+from tidemap.spectral.civil import DAYS_A_WEEK, civil_seconds, weekdays
 
-DAYS_A_WEEK = 7
 MAX_DAYS = 182
 """Only the latest half year in which something was seen is folded: what bounds the cost of any history."""
 PIECE = 1 << 20
@@ -32,6 +31,7 @@ class Visits:
 
     start, stop: sample bits of the window; day: 0 … n_days - 1, of the days on which something was seen; slot: 0 … 95.
     date (n_days,), today: civil days from Monday, 5 January 1970; today is that of the last sample, seen or not.
+    weekday (n_days,): 0 Monday … 6 Sunday, which public holidays count as.
     """
 
     start: NDArray[np.int64]
@@ -39,6 +39,7 @@ class Visits:
     day: NDArray[np.int64]
     slot: NDArray[np.int64]
     date: NDArray[np.int64]
+    weekday: NDArray[np.int64]
     today: int
     phase: NDArray[np.int64] | None = None
 
@@ -56,7 +57,8 @@ class Visits:
         """With the phase (n,), 0 … PHASES - 1, of a period of civil time in the middle of each visit's slot."""
         if period_s is None:
             return self
-        middle = (self.date[self.day] * SLOTS_A_DAY + self.slot + 0.5) * SLOT_S
+        day = (self.date - self.date % DAYS_A_WEEK + self.weekday)[self.day]
+        middle = (day * SLOTS_A_DAY + self.slot + 0.5) * SLOT_S
         return replace(self, phase=(middle / period_s % 1 * PHASES).astype(np.int64))
 
 
@@ -85,8 +87,11 @@ def recent(history: History, base: TimeBase) -> History:
     return history.window(history.stop - int((age[MAX_DAYS - 1] + 1) * a_day), history.stop)
 
 
-def visits(history: History, base: TimeBase, time_zone: str) -> Visits:
-    """The visits of a history; the clock is read PIECE samples at a time."""
+def visits(history: History, base: TimeBase, time_zone: str, calendar: str | None = None) -> Visits:
+    """The visits of a history; the clock is read PIECE samples at a time.
+
+    Public holidays of `calendar` (an ISO 3166 code) count as Sundays.
+    """
     seen = history.seen()
     pieces = [_slots(seen[first : first + PIECE], base, time_zone) for first in range(0, seen.size, PIECE)]
     number = np.concatenate([np.zeros(0, np.int64), *pieces])
@@ -95,7 +100,7 @@ def visits(history: History, base: TimeBase, time_zone: str) -> Visits:
     date, day = np.unique(number[begin] // SLOTS_A_DAY, return_inverse=True)
     bit, slot = seen - history.start, number[begin] % SLOTS_A_DAY
     today = int(_slots(np.array([history.stop - 1]), base, time_zone)[0]) // SLOTS_A_DAY
-    return Visits(bit[begin], bit[last] + 1, day.ravel(), slot, date, today)
+    return Visits(bit[begin], bit[last] + 1, day.ravel(), slot, date, weekdays(date, calendar), today)
 
 
 def _slots(sample: NDArray[np.int64], base: TimeBase, time_zone: str) -> NDArray[np.int64]:
@@ -121,7 +126,7 @@ def fold(
     weeks = Weeks(np.zeros(shape, np.float32), np.zeros(shape, np.float32))
     count = np.zeros((rows.size, 2), np.int64)
     end = visits.last_of_day + 1
-    offset = (visits.date % DAYS_A_WEEK) * SLOTS_A_DAY * split
+    offset = visits.weekday * SLOTS_A_DAY * split
     by_day = np.ascontiguousarray(weight.T)
     lives = [math.inf] * weight.shape[0] if half_life_days is None else half_life_days
     by_age = np.stack([recency(visits.n_days, life)[::-1] for life in lives], axis=1)
