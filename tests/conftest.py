@@ -76,11 +76,15 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StartServer]:
 
 
 @pytest.fixture(scope="module")
-def shared_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
+def module_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StartServer]:
+    """As `server`, for servers that all tests of a module share."""
+    yield from _servers(tmp_path_factory)
+
+
+@pytest.fixture(scope="module")
+def shared_server(module_server: StartServer) -> ServerProcess:
     """One server for all tests of a module, which must not disturb one another."""
-    start = _servers(tmp_path_factory)
-    yield next(start)()
-    start.close()
+    return module_server()
 
 
 def _servers(tmp_path_factory: pytest.TempPathFactory) -> Generator[StartServer, None, None]:

@@ -26,7 +26,7 @@ class TestVerify:
     """0 nothing wrong, 1 something wrong, 2 cannot be opened."""
 
     def test_beside_a_running_server(self, server: StartServer) -> None:
-        running = server(env={"TIDEMAP_VIEWER": "false"})
+        running = server(env={"TIDEMAP_VIEWER": "false", "TIDEMAP_UPDATER": "false"})
         fill(running)
         done = run_command("verify", "--data", str(running.data))
         assert (done.returncode, done.stderr) == (0, "")

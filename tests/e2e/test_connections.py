@@ -2,7 +2,6 @@
 
 import json
 import socket
-from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 
 import httpx
@@ -12,7 +11,7 @@ from websockets.sync.client import connect
 
 from tests.e2e.test_keys import make_key
 from tests.support.memory import memory_mb
-from tests.support.server import ServerProcess
+from tests.support.server import ServerProcess, StartServer
 
 LIMIT = 12
 FLOOD_BYTES = 64 * 2**20
@@ -21,15 +20,12 @@ ENOUGH_MB = 32
 
 
 @pytest.fixture(scope="module")
-def closed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
+def closed(module_server: StartServer) -> ServerProcess:
     """A server with a key, so that a stranger may do nothing, and with few connections."""
     env = {"TIDEMAP_VIEWER": "false", "TIDEMAP_MAX_CONNECTIONS_PER_ADDRESS": str(LIMIT)}
-    running = ServerProcess(tmp_path_factory.mktemp("server"), env=env)
-    try:
-        make_key(("--data", str(running.data)), "admin")
-        yield running
-    finally:
-        running.stop()
+    running = module_server(env=env)
+    make_key(("--data", str(running.data)), "admin")
+    return running
 
 
 def dial(server: ServerProcess) -> socket.socket:

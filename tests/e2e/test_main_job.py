@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tests.support.memory import peak_memory_mb
 from tests.support.office import Office, Signal
-from tests.support.server import ServerProcess
+from tests.support.server import ServerProcess, StartServer, fresh
 
 WEEK_S = 7 * 86400
 ACCEPTED_S = 60
@@ -61,11 +61,9 @@ class Door:
 
 
 @pytest.fixture(scope="module")
-def shared_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
+def shared_server(module_server: StartServer) -> ServerProcess:
     """Not a fork: all of its memory is measured."""
-    running = ServerProcess(tmp_path_factory.mktemp("server"))
-    yield running
-    running.stop()
+    return module_server(launch=fresh)
 
 
 @pytest.fixture(scope="module")

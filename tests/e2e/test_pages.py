@@ -1,6 +1,5 @@
 """The pages for operators in a real browser on a real server."""
 
-import json
 import re
 from datetime import UTC, datetime, timedelta
 
@@ -8,7 +7,8 @@ import httpx
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.support.server import ServerProcess, StartServer, run_command
+from tests.e2e.test_keys import make_key
+from tests.support.server import ServerProcess, StartServer
 from tests.support.viewer import make_grid, post
 
 START = datetime(2026, 3, 2, tzinfo=UTC)
@@ -182,10 +182,7 @@ def test_with_keys_one_signs_in_and_out(server: StartServer, page: Page) -> None
     process = server()
     keys = {}
     for role in ("operator", "robot"):
-        options = ("--role", role, "--name", f"a {role}", "--data", str(process.data), "--json")
-        made = run_command("keys", "create", *options)
-        assert made.returncode == 0, made.stderr
-        keys[role] = json.loads(made.stdout)["key"]
+        keys[role] = make_key(("--data", str(process.data)), role, "--name", f"a {role}")["key"]
 
     page.goto(f"{process.url}/?welcome=1")
     expect(page).to_have_url(f"{process.url}/login?next=%2F%3Fwelcome%3D1")
@@ -212,6 +209,5 @@ def test_a_session_that_ended_leads_to_the_sign_in_page(server: StartServer, pag
     process = server()
     page.goto(process.url)
     expect(page.get_by_role("heading", name="No locations yet")).to_be_visible()
-    made = run_command("keys", "create", "--role", "operator", "--data", str(process.data), "--json")
-    assert made.returncode == 0, made.stderr
+    make_key(("--data", str(process.data)), "operator")
     expect(page.get_by_role("heading", level=1)).to_have_text("Sign in", timeout=15_000)

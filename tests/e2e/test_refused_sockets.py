@@ -1,27 +1,22 @@
 """Sockets that may not open are answered 401, 403 or 404, and leave nothing in the log."""
 
-from collections.abc import Iterator
-
 import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from tests.e2e.test_keys import bearer, make_key
-from tests.support.server import ServerProcess
+from tests.support.server import ServerProcess, StartServer
 
 PATHS = ["/api/v1/events", "/view/control/0123456789abcdef", "/view/scene/0123456789abcdef"]
 FLOOD = 40
 
 
 @pytest.fixture(scope="module")
-def keyed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[ServerProcess, dict[str, str]]]:
+def keyed(module_server: StartServer) -> tuple[ServerProcess, dict[str, str]]:
     """A server with a key of each role."""
-    running = ServerProcess(tmp_path_factory.mktemp("server"), env={"TIDEMAP_WRONG_KEYS_PER_MINUTE": "0"})
-    try:
-        where = ("--data", str(running.data))
-        yield running, {role: str(make_key(where, role)["key"]) for role in ("robot", "operator")}
-    finally:
-        running.stop()
+    running = module_server(env={"TIDEMAP_WRONG_KEYS_PER_MINUTE": "0"})
+    where = ("--data", str(running.data))
+    return running, {role: str(make_key(where, role)["key"]) for role in ("robot", "operator")}
 
 
 def refusal(server: ServerProcess, path: str, headers: dict[str, str]) -> int:

@@ -1,26 +1,21 @@
 """Signing in with what is no key, or too often: people get a page, whatever is wrong."""
 
-from collections.abc import Iterator
-
 import httpx
 import pytest
 
 from tests.e2e.test_keys import make_key
-from tests.support.server import ServerProcess
+from tests.support.server import ServerProcess, StartServer
 
 FORM = {"content-type": "application/x-www-form-urlencoded"}
 GARBAGE = {"content-type": "multipart/form-data; boundary=x"}
 
 
 @pytest.fixture(scope="module")
-def keyed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[ServerProcess, str]]:
+def keyed(module_server: StartServer) -> tuple[ServerProcess, str]:
     """A server with an operator's key, that looks at three wrong keys a minute."""
     env = {"TIDEMAP_VIEWER": "false", "TIDEMAP_WRONG_KEYS_PER_MINUTE": "3"}
-    running = ServerProcess(tmp_path_factory.mktemp("server"), env=env)
-    try:
-        yield running, str(make_key(("--data", str(running.data)), "operator")["key"])
-    finally:
-        running.stop()
+    running = module_server(env=env)
+    return running, str(make_key(("--data", str(running.data)), "operator")["key"])
 
 
 def send(server: ServerProcess, content: bytes, headers: dict[str, str]) -> httpx.Response:
@@ -65,14 +60,11 @@ def test_too_many_wrong_keys_are_told_on_the_form_and_a_right_one_gets_in(keyed:
     assert send(server, f"key={key}".encode(), FORM).status_code == 303, "a right key goes on"
 
 
-def test_pages_say_that_requests_are_too_many(tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_pages_say_that_requests_are_too_many(server: StartServer) -> None:
     env = {"TIDEMAP_VIEWER": "false", "TIDEMAP_REQUESTS_PER_S": "0.01", "TIDEMAP_REQUESTS_BURST": "2"}
-    running = ServerProcess(tmp_path_factory.mktemp("server"), env=env)
-    try:
-        key = make_key(("--data", str(running.data)), "operator")["key"]
-        headers = {"Authorization": f"Bearer {key}"}
-        pages = [httpx.get(f"{running.url}/", headers=headers, trust_env=False) for _ in range(4)]
-        assert pages[-1].status_code == 429
-        assert pages[-1].headers["content-type"].startswith("text/html")
-    finally:
-        running.stop()
+    running = server(env=env)
+    key = make_key(("--data", str(running.data)), "operator")["key"]
+    headers = {"Authorization": f"Bearer {key}"}
+    pages = [httpx.get(f"{running.url}/", headers=headers, trust_env=False) for _ in range(4)]
+    assert pages[-1].status_code == 429
+    assert pages[-1].headers["content-type"].startswith("text/html")

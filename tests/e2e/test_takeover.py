@@ -10,7 +10,7 @@ from playwright.sync_api import Page
 from viser._messages import RunJavascriptMessage
 
 from tests.e2e.test_keys import make_key
-from tests.support.server import ServerProcess
+from tests.support.server import ServerProcess, StartServer
 from tidemap_web.viewer.client import scene_address
 
 
@@ -30,13 +30,10 @@ def query(foreign: viser.ViserServer) -> str:
 
 
 @pytest.fixture(scope="module")
-def keyed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[ServerProcess, str]]:
+def keyed(module_server: StartServer) -> tuple[ServerProcess, str]:
     """A server with an admin's key."""
-    running = ServerProcess(tmp_path_factory.mktemp("keyed"))
-    try:
-        yield running, str(make_key(("--data", str(running.data)), "admin")["key"])
-    finally:
-        running.stop()
+    running = module_server()
+    return running, str(make_key(("--data", str(running.data)), "admin")["key"])
 
 
 def sign_in(page: Page, server: ServerProcess, key: str, then: str = "/") -> None:

@@ -7,7 +7,8 @@ import httpx
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.support.server import ServerProcess, StartServer, run_command
+from tests.e2e.test_keys import make_key
+from tests.support.server import ServerProcess, StartServer
 from tests.support.viewer import (
     FLOOR,
     SHUTTER,
@@ -196,8 +197,7 @@ def test_without_a_grid_it_says_what_to_do(server: StartServer, page: Page) -> N
 
 def test_a_server_with_keys_shows_it_to_nobody_without(server: StartServer, page: Page) -> None:
     process = server()
-    made = run_command("keys", "create", "--role", "operator", "--data", str(process.data), "--json")
-    assert made.returncode == 0, made.stderr
+    make_key(("--data", str(process.data)), "operator")
     for path in ("/view/scene/", "/view/sessions"):
         assert httpx.get(process.url + path, trust_env=False).status_code == 401
     answer = httpx.get(process.url + "/view/?location=lab", trust_env=False)
