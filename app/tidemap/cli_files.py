@@ -4,6 +4,7 @@ import argparse
 import json
 import os
 import sys
+from collections.abc import Callable
 from dataclasses import asdict
 from math import inf
 from pathlib import Path
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING
 from tidemap.schemas.common import parse_time_text
 
 if TYPE_CHECKING:
-    from tidemap.client import MapFile, TidemapError
+    from tidemap.client import Client, MapFile, TidemapError
     from tidemap.importing.options import ImportOptions
     from tidemap.importing.run import Report
 
@@ -21,6 +22,23 @@ MAX_HITS = 100
 """As `space.rays.MAX_MIN_HITS`, which takes long to import."""
 MIN_CLOCK = 1e8
 """Unix seconds of 1973: times before that count from the start of a recording."""
+
+
+class UsageError(Exception):
+    """The command was called wrongly; the message says how."""
+
+
+def _checked(command: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Namespace], int]:
+    """The command with the exit status of wrong usage where it was called so."""
+
+    def run(arguments: argparse.Namespace) -> int:
+        try:
+            return command(arguments)
+        except UsageError as error:
+            _failed(str(error))
+            return WRONG_USAGE
+
+    return run
 
 
 def add_files(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -45,7 +63,7 @@ def _add_import(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
     command.add_argument("--json", action="store_true", help="print one JSON object")
     _add_server(command)
     _add_meaning(command)
-    command.set_defaults(command=_import)
+    command.set_defaults(command=_checked(_import))
 
 
 def _add_meaning(command: argparse.ArgumentParser) -> None:
@@ -85,7 +103,7 @@ def _add_export(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
     command.add_argument("--z-max", type=float, help="highest height of the band, in metres")
     command.add_argument("--json", action="store_true", help="print JSON")
     _add_server(command)
-    command.set_defaults(command=_export, needs_server=False)
+    command.set_defaults(command=_checked(_export), needs_server=False)
 
 
 def _add_server(command: argparse.ArgumentParser) -> None:
@@ -126,8 +144,7 @@ def _import(arguments: argparse.Namespace) -> int:
     from tidemap.progress import ShownProgress
 
     if arguments.location is None and not arguments.dry_run:
-        _failed("say --location NAME, or --dry-run to see what is in the files.")
-        return WRONG_USAGE
+        raise UsageError("say --location NAME, or --dry-run to see what is in the files.")
     report = survey_files(arguments.files, _options(arguments), ShownProgress(sys.stderr))
     if arguments.dry_run:
         _show(report, arguments)
@@ -172,13 +189,23 @@ def _show(report: "Report", arguments: argparse.Namespace) -> None:
         print(f"Problem: {problem}.")
 
 
+def _client(arguments: argparse.Namespace) -> "Client":
+    """A client of the server. Raises UsageError for an address or a key that is none."""
+    from tidemap.client import Client
+
+    try:
+        return Client(arguments.url, key=arguments.key)
+    except ValueError as error:
+        raise UsageError(str(error)) from None
+
+
 def _post(report: "Report", arguments: argparse.Namespace) -> int:
-    from tidemap.client import Client, TidemapError
+    from tidemap.client import TidemapError
     from tidemap.importing.run import import_files
     from tidemap.progress import ShownProgress
 
     try:
-        with Client(arguments.url, key=arguments.key) as client:
+        with _client(arguments) as client:
             progress = ShownProgress(sys.stderr)
             tally = import_files(report, _options(arguments), client, arguments.location, arguments.create, progress)
     except TidemapError as error:
@@ -201,11 +228,11 @@ def _hint(error: "TidemapError", report: "Report") -> str:
 
 
 def _export(arguments: argparse.Namespace) -> int:
-    from tidemap.client import Client, TidemapError
+    from tidemap.client import TidemapError
 
     asked = {name: getattr(arguments, name) for name in ("source", "mode", "confidence", "z_min", "z_max")}
     try:
-        with Client(arguments.url, key=arguments.key) as client:
+        with _client(arguments) as client:
             file = client.location(arguments.name).export(arguments.format, arguments.time, **asked)
     except TidemapError as error:
         return _failed(str(error))
@@ -219,7 +246,7 @@ def _save(file: "MapFile", arguments: argparse.Namespace) -> int:
         return _failed(f"{path} is there already; choose another name, or say --overwrite.")
     path.write_bytes(file.content)
     if file.unavailable:
-        print(f"tidemap: cells {file.unavailable} are damaged at the server and snapshot unknown.", file=sys.stderr)
+        print(f"tidemap: cells {file.unavailable} are damaged at the server, and unknown in the file.", file=sys.stderr)
     if arguments.json:
         print(json.dumps({"file": str(path), "bytes": len(file.content), "time": file.time, "revision": file.revision}))
     else:

@@ -232,6 +232,10 @@ def test_wrong_usage_is_two(client: Client, recorded: Path) -> None:
         ("export", "x"),
     ):
         assert run(client, *words).returncode == 2
+    for wrong in (("--url", "ftp://x"), ("--key", "tm_\n")):
+        ended = command("export", "x", "--format", "npz", *wrong)
+        assert (ended.returncode, ended.stdout) == (2, "")
+        assert ended.stderr.startswith("tidemap: ")
 
 
 @pytest.mark.slow

@@ -5,7 +5,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
-from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -218,9 +217,9 @@ def state(content: bytes, media_type: str) -> State:
 
 def map_file(content: bytes, headers: Mapping[str, str]) -> MapFile:
     """The answer of `/export`."""
-    _, _, name = headers["Content-Disposition"].partition("filename*=UTF-8''")
+    _, _, name = headers["Content-Disposition"].partition("filename=")
     time, revision = parse_time(headers["Tidemap-Time"]), int(headers["Tidemap-Revision"])
-    return MapFile(unquote(name), content, time, revision, headers.get("Tidemap-Unavailable", ""))
+    return MapFile(name.strip('"'), content, time, revision, headers.get("Tidemap-Unavailable", ""))
 
 
 def _state(said: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> State:

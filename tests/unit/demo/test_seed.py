@@ -1,6 +1,5 @@
 """The plan of the seeding, its progress, and the guard around other people's locations."""
 
-import io
 from datetime import datetime, timedelta
 from zoneinfo import ZoneInfo
 
@@ -10,7 +9,6 @@ from tidemap.demo.civil import DAY_S
 from tidemap.demo.locations import FORMS, NotTheDemoError, check
 from tidemap.demo.seed import chunks, phases, rounds
 from tidemap.demo.story import planted
-from tidemap.progress import Bar, Lines, ShownProgress
 from tidemap.schemas.locations import Grid, Location, LocationForm
 
 MONDAY = datetime(2026, 3, 2, tzinfo=ZoneInfo("Europe/London"))
@@ -73,41 +71,3 @@ def test_our_own_locations_are_recognised_whatever_was_set_since(name: str) -> N
 def test_other_peoples_locations_are_left_alone(name: str, changes: dict[str, object]) -> None:
     with pytest.raises(NotTheDemoError, match=name):
         check(known(name, **changes))
-
-
-class Terminal(io.StringIO):
-    """A stream that claims to be a terminal."""
-
-    def isatty(self) -> bool:
-        return True
-
-
-def test_progress_is_a_bar_on_a_terminal_and_lines_elsewhere() -> None:
-    terminal, log = Terminal(), io.StringIO()
-    for stream, shown in ((terminal, Bar), (log, Lines)):
-        task = ShownProgress(stream).task("History", 4)
-        assert isinstance(task, shown)
-        with task as step:
-            step(4)
-    assert "History: 100%" in terminal.getvalue()
-    assert "\r" not in log.getvalue()
-    assert log.getvalue().splitlines()[0] == "History: ..."
-    assert log.getvalue().splitlines()[-1].startswith("History: done after")
-
-
-def test_lines_say_how_far_it_is_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = iter([0.0, 0.0, 1.0, 6.0, 6.0, 7.0, 8.0, 8.0])
-    monkeypatch.setattr("tidemap.progress.time.monotonic", lambda: next(clock))
-    log = io.StringIO()
-    with Lines("History", 4, log) as step:
-        step(1)
-        step(1)
-        step(1)
-    assert log.getvalue().splitlines()[1:-1] == ["History: 50 % of 4"]
-
-
-def test_a_task_that_breaks_says_so() -> None:
-    log = io.StringIO()
-    with pytest.raises(RuntimeError), Lines("History", 4, log):
-        raise RuntimeError
-    assert "History: broken off after" in log.getvalue()

@@ -1,7 +1,6 @@
 """Maps as files."""
 
 from typing import Annotated, Any
-from urllib.parse import quote
 
 from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
@@ -78,7 +77,7 @@ async def export(
 
 def _response(file: ExportedMap) -> Response:
     headers = {
-        "Content-Disposition": f"attachment; filename*=UTF-8''{quote(file.name)}",
+        "Content-Disposition": f'attachment; filename="{file.name}"',
         "Tidemap-Time": iso(file.time),
         "Tidemap-Revision": str(file.revision),
     }
