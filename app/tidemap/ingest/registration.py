@@ -104,8 +104,8 @@ def _plane_mask() -> Array:
 
 def _correction(stated: Pose, found: Pose) -> Array:
     """What was added to a stated pose (6,), in the map's axes."""
-    turn = Pose(found.rotation @ stated.rotation.T, np.zeros(3)).rotation_vector
-    return np.concatenate([found.translation - stated.translation, turn])
+    rotation = Pose(found.rotation @ stated.rotation.T, np.zeros(3)).rotation_vector
+    return np.concatenate([found.translation - stated.translation, rotation])
 
 
 def _sigmas(correction: Array, covariance: Array, surface: Surface) -> float:
@@ -161,7 +161,7 @@ def _fallback(
 def _sigma_m(scan: Scan, flat: bool) -> float:
     """The standard deviation of the scan's points, in metres: the pose's, with that of its rotation at median range."""
     covariance, ranges = _covariance(scan), scan.ranges
-    shift, turn = (PLANE[:2], PLANE[2:]) if flat else ([0, 1, 2], [3, 4, 5])
-    widest = [float(np.linalg.eigvalsh(covariance[np.ix_(part, part)])[-1]) for part in (shift, turn)]
+    shift, angle = (PLANE[:2], PLANE[2:]) if flat else ([0, 1, 2], [3, 4, 5])
+    widest = [float(np.linalg.eigvalsh(covariance[np.ix_(part, part)])[-1]) for part in (shift, angle)]
     arm = float(np.median(np.minimum(ranges, scan.max_range_m))) if len(ranges) else 0.0
     return float(np.sqrt(max(0.0, widest[0]) + max(0.0, widest[1]) * arm**2))

@@ -98,10 +98,10 @@ class Surface:
                 max_iterations=MAX_ITERATIONS,
             )
             start = result.T_target_source
-        turn, translation = start[:3, :3], start[:3, 3] + self._origin
+        rotation, translation = start[:3, :3], start[:3, 3] + self._origin
         if self.flat:
-            turn, translation = _in_plane(turn), np.array([*translation[:2], stated.translation[2]])
-        pose = Pose(turn @ stated.rotation, translation)
+            rotation, translation = _in_plane(rotation), np.array([*translation[:2], stated.translation[2]])
+        pose = Pose(rotation @ stated.rotation, translation)
         inliers = int(result.num_inliers)
         return Alignment(pose, bool(result.converged), inliers, _weakest(result.H, inliers, self.flat))
 
@@ -129,10 +129,10 @@ def _thinned(points: Array, size: float, most: int) -> Array:
         size *= max(1.2, np.sqrt(len(found) / most))
 
 
-def _in_plane(turn: Array) -> Array:
+def _in_plane(rotation: Array) -> Array:
     """The part about z of a rotation (3, 3)."""
-    length = np.hypot(turn[0, 0] + turn[1, 1], turn[1, 0] - turn[0, 1])
-    cosine, sine = (turn[0, 0] + turn[1, 1]) / length, (turn[1, 0] - turn[0, 1]) / length
+    length = np.hypot(rotation[0, 0] + rotation[1, 1], rotation[1, 0] - rotation[0, 1])
+    cosine, sine = (rotation[0, 0] + rotation[1, 1]) / length, (rotation[1, 0] - rotation[0, 1]) / length
     return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
 

@@ -59,7 +59,7 @@ def hall() -> Iterator[Context]:
         settings = Settings(data=Path(folder), updater=False)
         prepare_database(settings.url)
         with open_context(settings) as ctx:
-            new = NewLocation(NAME, INTERVAL_S, "grid3d", grid=sweep.GRID, estimator="static")
+            new = NewLocation(name=NAME, interval_s=INTERVAL_S, kind="grid3d", grid=sweep.GRID, estimator="static")
             create_location(ctx, new)
             for ago in range(1, 13):
                 post(ctx, body(ctx.clock() - INTERVAL_S * ago, np.zeros(3)))
