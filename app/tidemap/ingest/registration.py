@@ -19,8 +19,9 @@ from tidemap.space.scan import Scan
 RegistrationMode = Literal["auto", "always", "never"]
 """Whether to register: where a covariance says how wrong the pose may be, in any case, or not at all."""
 Verdict = Literal["accepted", "raw_pose", "quarantined"]
-MIN_POINTS = 50
-"""Cells of the map, and points of a scan that meet one: with fewer there is nothing to hold on to."""
+MIN_POINTS, MIN_INLIERS = 50, 20
+"""Cells of the map, or points of a scan, and those of its thinned points that meet the map: with fewer there is nothing
+to hold on to."""
 MIN_WEAKEST, MIN_WEAKEST_FLAT = 0.02, 0.05
 """The least `Alignment.weakest` that holds a scan, in space and in the plane, where fewer directions share it."""
 MAX_SIGMAS = 3.0
@@ -134,7 +135,7 @@ def _objection(features: Features, surface: Surface) -> str | None:
     """Why an alignment is not to be believed."""
     if not features.converged:
         return "the alignment did not come to rest"
-    if features.inliers < MIN_POINTS:
+    if features.inliers < MIN_INLIERS:
         return "too few points of the scan meet the map"
     if features.weakest < (MIN_WEAKEST_FLAT if surface.flat else MIN_WEAKEST):
         return "the scan can slide along the map, as in a bare corridor"
