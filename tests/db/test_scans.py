@@ -14,6 +14,7 @@ from tidemap.formats.registry import Body
 from tidemap.ingest.scan import SentScan
 from tidemap.schemas.scans import ScanHeader
 from tidemap.services.context import Context
+from tidemap.services.deletion import Deletion, delete_observations
 from tidemap.services.locations import delete_location, get_location
 from tidemap.services.posts import Observed, Post
 from tidemap.services.pruning import prune
@@ -165,6 +166,15 @@ def test_a_location_that_goes_meanwhile_keeps_no_scan(ctx: Context, lab: str) ->
         begin_scan(ctx, lab, Post(Body(b"", "")), read).result()
     with ctx.store.read() as work:
         assert work.jobs._connection.execute(scan_table.select()).first() is None
+
+
+def test_scans_go_with_the_observations_of_their_time(ctx: Context, lab: str) -> None:
+    for i, stated in enumerate((None, POOR, POOR, POOR)):
+        post(ctx, 600.0 + 60 * i, stated, source="spot" if i < 3 else "rover")
+    assert delete_observations(ctx, lab, Deletion(600.0, 720.0)) > 0
+    assert [each.time for each in kept(ctx)] == [780.0, 720.0]
+    assert delete_observations(ctx, lab, Deletion(700.0, 900.0, "rover")) == 0
+    assert [each.time for each in kept(ctx)] == [720.0]
 
 
 def damaged(ctx: Context, change: Callable[[bytes], bytes]) -> int:

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 FLOATS = {7: "f4", 8: "f8"}
 """Of sensor_msgs/PointField the types that coordinates have."""
-MAX_YAW_RAD = 1e-6
-OCCUPIED, FREE, UNKNOWN = 65, 25, -1
-"""In percent: from where on map_server takes a cell for occupied, and up to where for free."""
+MAX_SINE = 1e-6
+"""How far the origin of a map may be rotated, the sine of half the angle: not at all, but for rounding."""
+UNKNOWN = -1
+"""Of a cell in a map."""
 
 
 @dataclass(slots=True)
@@ -125,8 +126,8 @@ def points_of(message: Any) -> NDArray[np.float32]:
 
 def states_of(message: Any) -> NDArray[np.int8]:
     """Cells (height, width) of a nav_msgs/OccupancyGrid: percent, -1 unknown. Raises ValueError for a rotated one."""
-    turn = message.info.origin.orientation
-    if abs(2 * math.atan2(turn.z, turn.w)) > MAX_YAW_RAD or abs(turn.x) > MAX_YAW_RAD or abs(turn.y) > MAX_YAW_RAD:
+    rotation = message.info.origin.orientation
+    if max(abs(getattr(rotation, axis)) for axis in "xyz") > MAX_SINE:
         raise ValueError(
             "the origin of this map is rotated, and cells here are not: resample it, or make its frame the location's"
         )

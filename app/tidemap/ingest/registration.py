@@ -19,8 +19,9 @@ from tidemap.space.scan import Scan
 RegistrationMode = Literal["auto", "always", "never"]
 """Whether to register: where a covariance says how wrong the pose may be, in any case, or not at all."""
 Verdict = Literal["accepted", "raw_pose", "quarantined"]
-MIN_POINTS = 50
-"""Cells of the map, and points of a scan that meet one: with fewer there is nothing to hold on to."""
+MIN_POINTS, MIN_INLIERS = 50, 20
+"""Cells of the map, or points of a scan, and those of its thinned points that meet the map: with fewer there is nothing
+to hold on to."""
 MIN_WEAKEST, MIN_WEAKEST_FLAT = 0.02, 0.05
 """The least `Alignment.weakest` that holds a scan, in space and in the plane, where fewer directions share it."""
 MAX_SIGMAS = 3.0
@@ -104,8 +105,8 @@ def _plane_mask() -> Array:
 
 def _correction(stated: Pose, found: Pose) -> Array:
     """What was added to a stated pose (6,), in the map's axes."""
-    turn = Pose(found.rotation @ stated.rotation.T, np.zeros(3)).rotation_vector
-    return np.concatenate([found.translation - stated.translation, turn])
+    rotation = Pose(found.rotation @ stated.rotation.T, np.zeros(3)).rotation_vector
+    return np.concatenate([found.translation - stated.translation, rotation])
 
 
 def _sigmas(correction: Array, covariance: Array, surface: Surface) -> float:
@@ -134,7 +135,7 @@ def _objection(features: Features, surface: Surface) -> str | None:
     """Why an alignment is not to be believed."""
     if not features.converged:
         return "the alignment did not come to rest"
-    if features.inliers < MIN_POINTS:
+    if features.inliers < MIN_INLIERS:
         return "too few points of the scan meet the map"
     if features.weakest < (MIN_WEAKEST_FLAT if surface.flat else MIN_WEAKEST):
         return "the scan can slide along the map, as in a bare corridor"
@@ -161,7 +162,7 @@ def _fallback(
 def _sigma_m(scan: Scan, flat: bool) -> float:
     """The standard deviation of the scan's points, in metres: the pose's, with that of its rotation at median range."""
     covariance, ranges = _covariance(scan), scan.ranges
-    shift, turn = (PLANE[:2], PLANE[2:]) if flat else ([0, 1, 2], [3, 4, 5])
-    widest = [float(np.linalg.eigvalsh(covariance[np.ix_(part, part)])[-1]) for part in (shift, turn)]
+    shift, angle = (PLANE[:2], PLANE[2:]) if flat else ([0, 1, 2], [3, 4, 5])
+    widest = [float(np.linalg.eigvalsh(covariance[np.ix_(part, part)])[-1]) for part in (shift, angle)]
     arm = float(np.median(np.minimum(ranges, scan.max_range_m))) if len(ranges) else 0.0
     return float(np.sqrt(max(0.0, widest[0]) + max(0.0, widest[1]) * arm**2))

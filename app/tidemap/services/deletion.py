@@ -48,6 +48,7 @@ def delete_observations(
 ) -> int:
     """Delete measurements; how many that were. Of a compacted sample that is what stands in it, by its time.
 
+    What is kept of scans of that time goes with them, in a transaction of its own behind theirs.
     What is posted meanwhile is not deleted. The model learns of it with its next update. `check` is called between two
     segments; what it raises ends this, and nothing is deleted. A process that ends in the midst of it has deleted all
     or nothing.
@@ -56,6 +57,7 @@ def delete_observations(
     location_id = find_location(ctx, name).id
     while (deleted := _delete(ctx, location_id, what, check)) is None:
         pass
+    ctx.store.write(lambda work: work.scans.delete_within(location_id, what.start, what.stop, what.source))
     mine = "everybody" if what.source is None else repr(what.source)
     log.info(
         "%d measurements of %s at location %r in [%s, %s) were deleted by %s",

@@ -30,7 +30,7 @@ class Sweep:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RegisteredSweep:
-    """A sweep with its registration, and what it saw: one look, whose cells ascend; nothing in quarantine."""
+    """A sweep with its registration, and what it saw: one snapshot, whose cells ascend; nothing in quarantine."""
 
     location: LocationRecord
     sweep: Sweep
@@ -56,13 +56,13 @@ def register_sweep(ctx: Context, location: LocationRecord, sweep: Sweep) -> Regi
     refuse_outside(sweep.scan, grid)
     registration = _registered(ctx, location, sweep)
     if registration.verdict == "quarantined":
-        return RegisteredSweep(location, sweep, registration, _look(sweep.time, *np.zeros((2, 0), np.int64)))
+        return RegisteredSweep(location, sweep, registration, _snapshot(sweep.time, *np.zeros((2, 0), np.int64)))
     seen = sweep.scan.at(registration.map_from_sensor).cast(grid)
     if not len(seen.cell):
         raise InvalidInputError.at(
             "map_from_sensor", "no ray crosses the grid or ends in it; check the pose and that lengths are metres"
         )
-    return RegisteredSweep(location, sweep, registration, _look(sweep.time, seen.cell, seen.state))
+    return RegisteredSweep(location, sweep, registration, _snapshot(sweep.time, seen.cell, seen.state))
 
 
 def _grid(location: LocationRecord) -> GridGeometry:
@@ -92,6 +92,6 @@ def _model(ctx: Context, location: LocationRecord) -> Fitted | None:
         return None
 
 
-def _look(time: float, cell: NDArray[np.integer], state: NDArray[np.integer]) -> Measurements:
+def _snapshot(time: float, cell: NDArray[np.integer], state: NDArray[np.integer]) -> Measurements:
     once = np.broadcast_to(np.float64(time), len(cell))
     return Measurements(once, cell.astype(np.uint32, copy=False), state.astype(np.uint8, copy=False))

@@ -72,7 +72,7 @@ class Surface:
     @property
     def nbytes(self) -> int:
         """Memory that it takes, in bytes: centres, points, normals and the tree."""
-        return self.n_points * (3 if self.flat else 1) * 160
+        return self.n_points * _layers(self.flat) * 160
 
     def source(self, points: NDArray[np.floating], stated: Pose, most: int = MAX_POINTS) -> SourceCloud:
         """A scan's points (n, 3) in the sensor's frame, at most so many of them, ready to be aligned from a pose near
@@ -98,17 +98,23 @@ class Surface:
                 max_iterations=MAX_ITERATIONS,
             )
             start = result.T_target_source
-        turn, translation = start[:3, :3], start[:3, 3] + self._origin
+        rotation, translation = start[:3, :3], start[:3, 3] + self._origin
         if self.flat:
-            turn, translation = _in_plane(turn), np.array([*translation[:2], stated.translation[2]])
-        pose = Pose(turn @ stated.rotation, translation)
+            rotation, translation = _in_plane(rotation), np.array([*translation[:2], stated.translation[2]])
+        pose = Pose(rotation @ stated.rotation, translation)
         inliers = int(result.num_inliers)
-        return Alignment(pose, bool(result.converged), inliers, _weakest(result.H, inliers, self.flat))
+        weakest = _weakest(result.H, inliers, self.flat)
+        return Alignment(pose, bool(result.converged), inliers // _layers(self.flat), weakest)
 
 
 def _used(flat: bool) -> Array:
     """(3,) 1 for the axes that count, 0 for others."""
     return np.array([1.0, 1.0, 0.0 if flat else 1.0])
+
+
+def _layers(flat: bool) -> int:
+    """How often each point is in a cloud."""
+    return 3 if flat else 1
 
 
 def _cloud(points: Array, spacing_m: float, flat: bool) -> small_gicp.PointCloud:
@@ -129,10 +135,10 @@ def _thinned(points: Array, size: float, most: int) -> Array:
         size *= max(1.2, np.sqrt(len(found) / most))
 
 
-def _in_plane(turn: Array) -> Array:
+def _in_plane(rotation: Array) -> Array:
     """The part about z of a rotation (3, 3)."""
-    length = np.hypot(turn[0, 0] + turn[1, 1], turn[1, 0] - turn[0, 1])
-    cosine, sine = (turn[0, 0] + turn[1, 1]) / length, (turn[1, 0] - turn[0, 1]) / length
+    length = np.hypot(rotation[0, 0] + rotation[1, 1], rotation[1, 0] - rotation[0, 1])
+    cosine, sine = (rotation[0, 0] + rotation[1, 1]) / length, (rotation[1, 0] - rotation[0, 1]) / length
     return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
 

@@ -98,8 +98,8 @@ class Pose:
     @property
     def values(self) -> list[float]:
         """[x, y, z, qx, qy, qz, qw] with qw >= 0; what `of` reads."""
-        turn = Rotation.from_matrix(self.rotation).as_quat(canonical=True)
-        return [*self.translation.tolist(), *turn.tolist()]
+        quaternion = Rotation.from_matrix(self.rotation).as_quat(canonical=True)
+        return [*self.translation.tolist(), *quaternion.tolist()]
 
     @property
     def matrix(self) -> Array:

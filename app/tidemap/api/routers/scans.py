@@ -1,10 +1,10 @@
 """/locations/{name}/scans"""
 
+import asyncio
 from functools import partial
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
-from starlette.concurrency import run_in_threadpool
 
 from tidemap.api.auth import confirming
 from tidemap.api.bodies import FormRoute, read_body
@@ -114,7 +114,7 @@ def points(name: str, scan_id: Id, ctx: Ctx, _: Operator) -> Response:
 @router.post("/{scan_id}/replay")
 async def replay(name: str, scan_id: Id, ctx: Ctx, _: Operator) -> ScanAccepted:
     """Register a scan in quarantine again, by the model of now; where that succeeds, what it saw is stored."""
-    return scan_accepted_view(await run_in_threadpool(replay_scan, ctx, name, scan_id))
+    return scan_accepted_view(await asyncio.wrap_future(ctx.parsing.submit(replay_scan, ctx, name, scan_id)))
 
 
 @router.delete("/{scan_id}", status_code=204)

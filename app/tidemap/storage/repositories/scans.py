@@ -85,6 +85,13 @@ class ScanRepository:
         mine = (scan.c.location_id == record.location_id) & (scan.c.id == record.id)
         self._connection.execute(update(scan).where(mine).values(observation=record.observation))
 
+    def delete_within(self, location_id: int, start: float, stop: float, source: str | None) -> int:
+        """Drop the scans of [start, stop), of one source or of all of them; how many there were."""
+        mine = (scan.c.location_id == location_id) & (scan.c.time >= start) & (scan.c.time < stop)
+        if source is not None:
+            mine &= scan.c.source == source
+        return self._connection.execute(delete(scan).where(mine)).rowcount
+
     def older(self, location_id: int, before: float, most: int) -> Sequence[int]:
         """The earliest scans that were received before a time."""
         old = select(scan.c.id).where(scan.c.location_id == location_id, scan.c.received_at < before)
