@@ -7,7 +7,7 @@ import pytest
 
 from tests.bench import __main__ as bench
 from tests.bench import databases, observing
-from tests.bench.figures import million, year_update
+from tests.bench.figures import million, observed, year_update
 from tests.bench.timing import Figure, quantile
 
 
@@ -30,6 +30,13 @@ def test_a_large_map_is_made_updated_and_loaded() -> None:
     found = line(million.measure((16, 16, 8)))
     assert found["cells"] == 2048
     assert found["estimator"] in ("calendar", "fft", "static")
+
+
+@pytest.mark.slow
+def test_what_was_last_seen_is_measured_beside_the_state() -> None:
+    found = line(observed.measure((16, 16, 8)))
+    assert found["cells"] == 2048
+    assert min(found["post_ms"], found["next_ms"], found["rhythm_floor_ms"]) > 0
 
 
 @pytest.mark.slow

@@ -18,7 +18,6 @@ from tidemap.spectral.recipe import Recipe
 from tidemap.spectral.window import DAY_S
 from tidemap.storage.records import LocationRecord
 
-MAX_HORIZONS = 16
 MAX_HORIZON_S = 366 * DAY_S
 MAX_REFITS = 8
 """How often a walk learns anew; not more often than daily."""

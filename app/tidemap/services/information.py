@@ -45,7 +45,7 @@ class InformationQuery:
     @property
     def of_window(self) -> bool:
         """Whether it is about many times."""
-        return self.best > 0 or not self.start is self.stop is self.step is None
+        return self.best > 0 or any(each is not None for each in (self.start, self.stop, self.step))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
