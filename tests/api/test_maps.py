@@ -460,6 +460,26 @@ class TestModel:
         assert {(row["estimator"], row["order"]) for row in selection["scores"]} >= {("static", 0), ("fft", 1)}
         assert all({"error", "brier", "log_loss", "n"} <= row.keys() for row in selection["scores"])
 
+    def test_a_sensor_that_errs_says_where_its_rates_come_from(self, api: Api) -> None:
+        name = api.location(sensor="learn")
+        times = NOW - HOUR * np.arange(300, 0, -1)
+        truth = np.arange(300) // 30 % 2
+        wrong = np.arange(300) % 10 == 0
+        api.observe(name, times, truth ^ wrong)
+        api.update(name)
+        found = done(api.get(f"/locations/{name}/model"))["sensor"]
+        assert 0.02 < found["miss"] < 0.2
+        assert 0.02 < found["false_alarm"] < 0.2
+        assert found["readings"] == 300
+        assert found["reason"] == "the rates were learned from 300 readings of 1 cell"
+        assert done(api.patch(f"/locations/{name}", {"sensor": {"miss": 0.3, "false_alarm": 0.1}}))["sensor"] == {
+            "miss": 0.3,
+            "false_alarm": 0.1,
+        }
+        api.update(name)
+        given = done(api.get(f"/locations/{name}/model"))["sensor"]
+        assert given == {"miss": 0.3, "false_alarm": 0.1, "readings": 0, "reason": "the rates were given"}
+
     def test_with_too_little_history_auto_takes_the_mean_and_says_so(self, api: Api) -> None:
         name = api.location()
         api.observe(name, [NOW - HOUR], [1])

@@ -15,7 +15,9 @@ from tidemap.media_types import ARROW
 from tidemap.services.detect import DetectQuery, detect
 from tidemap.services.observe import observe
 from tidemap.services.posts import Post
+from tidemap.services.predict import PredictQuery, predict_at
 from tidemap.services.scans import begin_scan
+from tidemap.services.state import StateQuery, state_at
 from tidemap.services.warm import warm
 from tidemap.storage.store import migrate_database
 
@@ -40,13 +42,18 @@ def work(url: str) -> None:
         refit(ctx, lab.NAME)
         begin_scan(ctx, lab.NAME, Post(Body(b"", "")), partial(lab.scan, clock.now)).result()
         detect(ctx, lab.NAME, DetectQuery(clock.now - lab.DAY_S, clock.now))
+        state_at(ctx, lab.NAME, StateQuery(clock.now, given="observations"))
         make_location(ctx, "door")
-        minute = np.arange(3000)
-        post_states(ctx, "door", clock.now - 60.0 * (3000 - minute), minute % 1440 < 500)
-        refit(ctx, "door")
-        post_states(ctx, "door", [clock.now], [1])
-        compact_now(ctx, "door")
-        refit(ctx, "door")
+        make_location(ctx, "gate", sensor="learn")
+        for name in ("door", "gate"):
+            minute = np.arange(3000)
+            post_states(ctx, name, clock.now - 60.0 * (3000 - minute), minute % 1440 < 500)
+            refit(ctx, name)
+            post_states(ctx, name, [clock.now], [1])
+            compact_now(ctx, name)
+            refit(ctx, name)
+            state_at(ctx, name, StateQuery(clock.now, given="observations"))
+            predict_at(ctx, name, PredictQuery([clock.now, clock.now + 60], given="observations"))
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from tidemap.history.jit import kernel
 from tidemap.history.sequences import Sequences
 from tidemap.spectral.conditioning import MIN_PROBABILITY, Standing
 from tidemap.spectral.durations import Durations, log_kept_at
-from tidemap.spectral.sensor import Sensor
+from tidemap.spectral.sensor import Sensor, weighed
 
 MAX_LASTED: Final = 1e6
 """The most that r / (1 - r) may be: no state is certain to have lasted."""
@@ -151,7 +151,6 @@ def _filter(
     age: NDArray[np.uint16],
 ) -> None:
     """In place: move what is believed of every cell by its readings; what is between them is rounded as it is kept."""
-    miss, false_alarm = rates
     for cell in range(offset.size - 1):
         for j in range(offset[cell], offset[cell + 1]):
             if np.isnan(rhythm[j]):
@@ -162,8 +161,7 @@ def _filter(
                 now = (abs(signed[cell]), sample[cell], p[cell], age[0, cell], age[1, cell])
                 before, free_age, occupied_age = _ahead(now, until, read[j], rhythm[j], log_kept)
             before = min(max(before, MIN_BELIEF), 1 - MIN_BELIEF)
-            occupied = before * (1 - miss if state[j] else miss)
-            free = (1 - before) * (false_alarm if state[j] else 1 - false_alarm)
+            occupied, free = weighed(before, state[j], rates)
             belief = np.float32(occupied / (occupied + free))
             signed[cell] = belief if state[j] else -belief
             sample[cell], p[cell] = read[j], rhythm[j]

@@ -18,7 +18,7 @@ from tidemap.history.sequences import Sequences
 from tidemap.spectral.belief import Detector
 from tidemap.spectral.conditioning import MIN_PROBABILITY, UNLEARNED
 from tidemap.spectral.durations import BelievedRuns, Durations
-from tidemap.spectral.sensor import MAX_RATE, Sensor
+from tidemap.spectral.sensor import MAX_RATE, Sensor, weighed
 
 MAX_READINGS: Final = 100_000
 """Of all cells together, the latest of each."""
@@ -135,7 +135,6 @@ def _forward(
     ahead: NDArray[np.float64],
 ) -> float:
     """The log likelihood of the readings by the chain. ahead, filtered: P(occupied) before and after each reading."""
-    miss, false_alarm = rates
     total = 0.0
     for cell in range(offset.size - 1):
         for j in range(offset[cell], offset[cell + 1]):
@@ -143,8 +142,7 @@ def _forward(
             if j > offset[cell]:
                 kept = np.exp(-rate * max(0, sample[j] - sample[j - 1] - hold))
                 before = kept * filtered[j - 1] + (1 - kept) * rhythm[j]
-            occupied = before * (1 - miss if state[j] else miss)
-            free = (1 - before) * (false_alarm if state[j] else 1 - false_alarm)
+            occupied, free = weighed(before, state[j], rates)
             ahead[j], filtered[j] = before, occupied / (occupied + free)
             total += np.log(occupied + free)
     return total

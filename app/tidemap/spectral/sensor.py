@@ -6,6 +6,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tidemap.history.jit import kernel
+
 MAX_RATE: Final = 0.5
 """A sensor that is wrong as often as right says nothing."""
 MIN_RATE: Final = 1e-4
@@ -50,3 +52,10 @@ class Sensor:
         miss, false_alarm = self.bounded
         occupied = np.asarray(p, np.float64)
         return np.asarray(occupied * (1 - miss) + (1 - occupied) * false_alarm)
+
+
+@kernel
+def weighed(p: float, read: int, rates: tuple[float, float]) -> tuple[float, float]:
+    """The probabilities of a reading with an occupied state, which has probability p, and with a free one."""
+    miss, false_alarm = rates
+    return p * (1 - miss if read else miss), (1 - p) * (false_alarm if read else 1 - false_alarm)
