@@ -1,6 +1,7 @@
 """What stands still can be abnormal: a door that was left open is noticed while it stands open."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from tests.api.house import DAY, HOUR, NOW, Api, done, open_house
 from tests.support.databases import Databases
 from tidemap.events.messages import EventMessage
 from tidemap.schemas.common import parse_time
+from tidemap.services.detect import search
 from tidemap.services.standing import judge_standing, standing_locations
 
 MINUTE = 60.0
@@ -127,3 +129,24 @@ def test_many_samples_are_judged_some_at_a_time(house: Api, monkeypatch: pytest.
     house.observe(name, [FRIDAY + 23 * HOUR], [1])
     look(house, FRIDAY + 25 * HOUR)
     assert bounds(house, name) == [(23, 25)]
+
+
+def test_a_post_that_comes_while_it_is_judged_is_not_missed(house: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was found is out of date then; a post of later does not matter."""
+    name = door(house)
+    house.observe(name, [FRIDAY + 23 * HOUR], [1])
+    house.clock.now = FRIDAY + 26 * HOUR
+    (location,) = standing_locations(house.ctx)
+
+    def searched(*arguments: Any) -> Any:
+        found = search(*arguments)
+        house.observe(name, *posted)
+        return found
+
+    monkeypatch.setattr("tidemap.services.standing.search", searched)
+    posted: tuple[list[float], list[int]] = [FRIDAY + 24 * HOUR], [0]
+    judge_standing(house.ctx, location)
+    assert np.allclose(bounds(house, name), [(23, 23 + 1 / 60)])
+    posted = [FRIDAY + 26 * HOUR], [0]
+    judge_standing(house.ctx, location)
+    assert bounds(house, name) == [(23, 24)]

@@ -39,7 +39,7 @@ def store_events(work: Work, location: LocationRecord, events: Sequence[AnomalyR
     """
     if not events:
         return []
-    groups = [group for group in _grouped(work, location, events, _near(work, location, events)) if group[-1].id == 0]
+    groups = _with_stored(work, location, events)
     united = [_united(group) for group in groups]
     numbered = iter(work.anomalies.append([event for event in united if not event.id]))
     changes = [
@@ -53,20 +53,21 @@ def store_events(work: Work, location: LocationRecord, events: Sequence[AnomalyR
     return changes
 
 
-def _near(work: Work, location: LocationRecord, events: Sequence[AnomalyRecord]) -> list[AnomalyRecord]:
-    """The stored events that these may continue, and those that they may join to such; readable ones."""
+def _with_stored(work: Work, location: LocationRecord, events: Sequence[AnomalyRecord]) -> list[list[AnomalyRecord]]:
+    """What makes one event each of new ones, with the stored ones that they continue, or join; readable ones."""
     gap_s = (location.gap_samples + 0.5) * location.interval_s
-    reach = min(event.start for event in events), max(event.stop for event in events)
+    known: list[AnomalyRecord] | None = None
+    groups = [[event] for event in events]
     while True:
-        stored = work.anomalies.near(location.id, reach[0] - gap_s, reach[1] + gap_s)
-        readable = [event for event in stored if event.damage is None]
-        if location.n_cells == 1:
-            return readable
-        found = [event for group in _grouped(work, location, events, readable) if group[-1].id == 0 for event in group]
-        wider = min(event.start for event in found), max(event.stop for event in found)
-        if wider == reach:
-            return readable
-        reach = wider
+        found = [event for group in groups for event in group]
+        reach = min(event.start for event in found) - gap_s, max(event.stop for event in found) + gap_s
+        stored = [event for event in work.anomalies.near(location.id, *reach) if event.damage is None]
+        if known is not None and len(stored) == len(known):
+            return groups
+        known = stored
+        groups = [group for group in _grouped(work, location, events, stored) if group[-1].id == 0]
+        if not stored or location.n_cells == 1:
+            return groups
 
 
 def _grouped(

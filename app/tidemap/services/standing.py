@@ -70,12 +70,16 @@ def _span(ctx: Context, model: Fitted) -> _Span:
 
 
 def _store(work: Work, span: _Span, events: list[AnomalyRecord]) -> list[EventChange]:
-    """Store what was found, unless somebody posted or judged meanwhile: then the next time finds it."""
+    """Store what was found, unless what was judged is out of date: then the next time finds it."""
     location, base = span.location, span.location.base
-    known = location.observation_seq, location.judged_to
-    if not work.locations.judge(location.id, known, float(base.time(span.stop))):
+    start, stop = float(base.time(span.start)), float(base.time(span.stop))
+    now = work.locations.lock(location.id)
+    if (now.judged_to, now.revision) != (location.judged_to, location.revision):
         return []
-    before = _cut(work, location, float(base.time(span.start)))
+    if work.observations.any_since(location, stop):
+        return []
+    work.locations.judged(location.id, stop)
+    before = _cut(work, location, start)
     changes = {change.event.id: change for change in store_events(work, location, events)}
     ended = [EventChange(anomaly_of(location, event), "updated") for event in before if event.id not in changes]
     return [*ended, *changes.values()]

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from tidemap.space.grid import NEIGHBOURS, GridGeometry
 
 STEPS = np.array(NEIGHBOURS, np.int64)
+FEW = 64
+"""Cells of a pair of groups that are asked about first."""
 NEVER = -(1 << 62)
 """Before every sample, and far enough from all to subtract it."""
 
@@ -65,7 +67,8 @@ def link(spans: Spans, gap: int, was_read: WasRead | None = None) -> Array:
         begin, reach = first[owner], _reached(cell, spans.state[rows], last[owner])
         near = np.flatnonzero(begin - reach <= gap + 1)
         if was_read is not None:
-            near = near[~_read_between(cell[near], reach[near], begin[near], gap, was_read)]
+            pair = owner[near - 1] * len(first) + owner[near]
+            near = near[_unread(pair, (cell[near], reach[near], begin[near]), gap, was_read)]
         parent = np.arange(len(first))
         if not _unite(owner[near - 1], owner[near], parent):
             return group
@@ -74,6 +77,22 @@ def link(spans: Spans, gap: int, was_read: WasRead | None = None) -> Array:
         np.minimum.at(starts, number, first)
         np.maximum.at(stops, number, last)
         group, label, first, last = number[group], number[label], starts, stops
+
+
+def _unread(pair: Array, gaps: tuple[Array, Array, Array], gap: int, was_read: WasRead) -> NDArray[np.bool_]:
+    """(n,) which gaps (cell, after, before) show that a pair of groups is one: enough of them, if any does.
+
+    Large groups share many cells, and one is enough: of each pair some are asked about first.
+    """
+    order = np.argsort(pair, kind="stable")
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order)) - np.searchsorted(pair[order], pair[order])
+    shown = np.zeros(len(pair), np.bool_)
+    for rows in (np.flatnonzero(rank < FEW), np.flatnonzero(rank >= FEW)):
+        open_ = rows[~np.isin(pair[rows], pair[shown])]
+        cell, after, before = (column[open_] for column in gaps)
+        shown[open_] = ~_read_between(cell, after, before, gap, was_read)
+    return shown
 
 
 def _read_between(cell: Array, after: Array, before: Array, gap: int, was_read: WasRead) -> NDArray[np.bool_]:

@@ -16,6 +16,7 @@ from tidemap.storage.tables import location as location_table
 # Built once: every request asks the one, and every reader of history asks the other for every chunk.
 _BY_NAME = select(location_table).where(location_table.c.name == bindparam("name"))
 _BY_ID = select(location_table).where(location_table.c.id == bindparam("id"))
+_LOCKED = _BY_ID.with_for_update()
 
 
 class LocationRepository:
@@ -82,13 +83,17 @@ class LocationRepository:
             self._connection.execute(update(location_table).where(location_table.c.id == record.id).values(**values))
         return self.get(new_name)
 
-    def judge(self, location_id: int, known: tuple[int, float | None], until: float) -> bool:
-        """Say up to when what is held was judged, and keep others from posting; False where anybody has posted, or
-        judged, since the number of observations and the time were as `known`."""
-        seq, judged_to = known
-        mine = (location_table.c.id == location_id) & (location_table.c.observation_seq == seq)
-        mine &= location_table.c.judged_to.is_not_distinct_from(judged_to)
-        return self._connection.execute(update(location_table).where(mine).values(judged_to=until)).rowcount == 1
+    def lock(self, location_id: int) -> LocationRecord:
+        """As it is, and nobody posts or judges until this transaction has ended. Raises LocationNotFoundError."""
+        row = self._connection.execute(_LOCKED, {"id": location_id}).first()
+        if row is None:
+            raise LocationNotFoundError(f"number {location_id}")
+        return LocationRecord.of(row._mapping)
+
+    def judged(self, location_id: int, until: float) -> None:
+        """Say up to when what is held was judged."""
+        mine = location_table.c.id == location_id
+        self._connection.execute(update(location_table).where(mine).values(judged_to=until))
 
     def delete(self, name: str) -> int:
         """With everything that belongs to it; its id. Raises LocationNotFoundError."""

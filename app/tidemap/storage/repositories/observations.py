@@ -152,6 +152,16 @@ class ObservationRepository:
                 found.append(unpack_measurements(row.payload, f"observation {row.id} of location {location.name!r}"))
         return found
 
+    def any_since(self, location: LocationRecord, before: float) -> bool:
+        """Whether something was posted since a location was read that has measurements before a time."""
+        query = (
+            select(observation.c.id)
+            .where(observation.c.location_id == location.id, observation.c.id > location.observation_seq)
+            .where(observation.c.first_time < before)
+            .limit(1)
+        )
+        return self._connection.execute(query).first() is not None
+
     def recount(self, location: LocationRecord, compacted: tuple[float, float] | None, deleted: int = 0) -> None:
         """Put right what a location counts: the first and last time of what is `compacted` and pending, and what is
         `deleted`. Call it in the transaction that took something away, so that nobody posts meanwhile."""
