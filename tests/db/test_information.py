@@ -14,7 +14,7 @@ from tidemap.services.context import Context
 from tidemap.services.given import Given
 from tidemap.services.information import InformationQuery, information_at
 from tidemap.services.state import StateQuery, state_at
-from tidemap.spectral.information import LookErrors, information
+from tidemap.spectral.information import ErrorRates, information
 
 MINUTE = 60.0
 BEGIN = NOW - 300 * MINUTE
@@ -40,16 +40,16 @@ def test_it_is_what_the_states_probability_says(ctx: Context) -> None:
         as_of=st.floats(-10, 400),
         conditioned=st.sampled_from(["observations", "model"]),
         boxed=st.booleans(),
-        look=st.sampled_from([LookErrors(), LookErrors(0.1, 0.2)]),
+        look=st.sampled_from([ErrorRates(), ErrorRates(0.1, 0.2)]),
     )
-    def holds(minutes: float, as_of: float, conditioned: Given, boxed: bool, look: LookErrors) -> None:
+    def holds(minutes: float, as_of: float, conditioned: Given, boxed: bool, look: ErrorRates) -> None:
         asked = {"as_of": BEGIN + as_of * MINUTE, "given": conditioned, "bbox": BOX if boxed else None}
         compare(ctx, name, BEGIN + minutes * MINUTE, look, asked)
 
     holds()
 
 
-def compare(ctx: Context, name: str, time: float, look: LookErrors, asked: dict[str, Any]) -> None:
+def compare(ctx: Context, name: str, time: float, look: ErrorRates, asked: dict[str, Any]) -> None:
     """The answer for one time, and that for a window, with the state's probability."""
     state = state_at(ctx, name, StateQuery(time, **asked))
     how = {"miss": look.miss, "false_alarm": look.false_alarm, **asked}

@@ -8,14 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tidemap.spectral.conditioning import Persistence
-from tidemap.spectral.information import EXACT, LookErrors, best_times, entropy_nats, information
+from tidemap.spectral.information import EXACT, ErrorRates, best_times, entropy_nats, information
 
 P = st.floats(0, 1)
-LOOKS = st.tuples(P, P).filter(lambda each: sum(each) < 1).map(lambda each: LookErrors(*each))
+LOOKS = st.tuples(P, P).filter(lambda each: sum(each) < 1).map(lambda each: ErrorRates(*each))
 
 
 @given(p=st.lists(P, min_size=1), look=LOOKS)
-def test_information_is_between_nothing_and_the_entropy(p: list[float], look: LookErrors) -> None:
+def test_information_is_between_nothing_and_the_entropy(p: list[float], look: ErrorRates) -> None:
     for precision in (np.float32, np.float64):
         probability = np.array(p, precision)
         said, unknown = information(probability, look), entropy_nats(probability)
@@ -25,7 +25,7 @@ def test_information_is_between_nothing_and_the_entropy(p: list[float], look: Lo
 
 
 @given(p=P, look=LOOKS)
-def test_it_is_the_expected_divergence_of_what_is_believed_after_the_look(p: float, look: LookErrors) -> None:
+def test_it_is_the_expected_divergence_of_what_is_believed_after_the_look(p: float, look: ErrorRates) -> None:
     """Σ P(seen) · KL(P(state | seen) ‖ P(state)), Bayes by hand."""
     expected = 0.0
     for occupied, free in ((1 - look.miss, look.false_alarm), (look.miss, 1 - look.false_alarm)):
@@ -36,8 +36,8 @@ def test_it_is_the_expected_divergence_of_what_is_believed_after_the_look(p: flo
     assert information(p, look) == pytest.approx(expected, abs=1e-12)
 
 
-@pytest.mark.parametrize("look", [EXACT, LookErrors(0.1, 0.2), LookErrors(0.0, 0.4)])
-def test_a_certain_state_has_none(look: LookErrors) -> None:
+@pytest.mark.parametrize("look", [EXACT, ErrorRates(0.1, 0.2), ErrorRates(0.0, 0.4)])
+def test_a_certain_state_has_none(look: ErrorRates) -> None:
     assert information([0.0, 1.0], look).tolist() == pytest.approx([0, 0], abs=1e-15)
     assert np.isnan(information([np.nan], look)).all()
     assert entropy_nats([0.0, 1.0, 0.5]).tolist() == pytest.approx([0, 0, math.log(2)])
@@ -46,7 +46,7 @@ def test_a_certain_state_has_none(look: LookErrors) -> None:
 @pytest.mark.parametrize("wrong", [(0.5, 0.5), (-0.1, 0.0), (0.0, 1.1), (math.nan, 0.0)])
 def test_looks_that_say_nothing_or_the_contrary_are_refused(wrong: tuple[float, float]) -> None:
     with pytest.raises(ValueError, match="below 1"):
-        LookErrors(*wrong)
+        ErrorRates(*wrong)
 
 
 VALUES = st.lists(st.floats(0, 1), max_size=30)

@@ -13,7 +13,7 @@ from tidemap.services.predict import predicted_blocks
 from tidemap.services.series import times_between
 from tidemap.services.spectra import Fitted, fitted
 from tidemap.services.state import cells_in
-from tidemap.spectral.information import LookErrors, best_times, entropy_nats, information
+from tidemap.spectral.information import ErrorRates, best_times, entropy_nats, information
 from tidemap.spectral.window import DAY_S
 
 MAX_VALUES = 50_000_000
@@ -85,7 +85,7 @@ def information_at(
 
     Raises LocationNotFoundError, NoModelError, CorruptChunkError, InvalidInputError also when it asks for too much.
     """
-    look = _look(query)
+    rates = _error_rates(query)
     model = fitted(ctx, name)
     time, cell = _times(ctx, model, query), cells_in(model, query.bbox)
     _check_size(query, len(cell), len(time))
@@ -93,7 +93,7 @@ def information_at(
     known = known_at(ctx, model, cell, as_of) if query.given == "observations" else None
     sums, cells = np.zeros((2, len(time))), None
     for part, p in predicted_blocks(model.spectrum, time, cell, check, known):
-        unknown, said = entropy_nats(p), information(p, look)
+        unknown, said = entropy_nats(p), information(p, rates)
         sums[:, part] = unknown.sum(axis=0), said.sum(axis=0)
         if not query.of_window:
             cells = CellInformation(cell, unknown[:, 0], said[:, 0])
@@ -123,9 +123,9 @@ def _check_size(query: InformationQuery, n_cells: int, n_times: int) -> None:
         )
 
 
-def _look(query: InformationQuery) -> LookErrors:
+def _error_rates(query: InformationQuery) -> ErrorRates:
     try:
-        return LookErrors(query.miss, query.false_alarm)
+        return ErrorRates(query.miss, query.false_alarm)
     except ValueError:
         raise InvalidInputError.at("miss", "miss and false_alarm are shares whose sum is less than 1") from None
 

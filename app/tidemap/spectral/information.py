@@ -12,7 +12,7 @@ MAX_ENTROPY: Final = float(np.log(2))
 
 
 @dataclass(frozen=True, slots=True)
-class LookErrors:
+class ErrorRates:
     """How often looks err. miss: P(seen free | occupied); false_alarm: P(seen occupied | free).
 
     ValueError unless both are in [0, 1] and their sum is less than 1: else a look says the contrary.
@@ -26,7 +26,7 @@ class LookErrors:
             raise ValueError(f"miss and false_alarm lie between 0 and 1, their sum below 1, not {self}")
 
 
-EXACT: Final = LookErrors()
+EXACT: Final = ErrorRates()
 """A look that never errs."""
 
 
@@ -40,20 +40,20 @@ def entropy_nats(probability: ArrayLike) -> NDArray[np.float64]:
     return np.minimum(entr(p) + entr(1 - p), MAX_ENTROPY)
 
 
-def information(probability: ArrayLike, look: LookErrors = EXACT) -> NDArray[np.float64]:
+def information(probability: ArrayLike, rates: ErrorRates = EXACT) -> NDArray[np.float64]:
     """The mutual information of the state and a look at it, of the shape of p; NaN where p is.
 
     The entropy of what will be seen, less the noise that is expected in it. Of looks that never err it is the entropy
     of the state.
 
-    >>> information([0.0, 0.5, 1.0], LookErrors(0.1, 0.1)).round(4).tolist()
+    >>> information([0.0, 0.5, 1.0], ErrorRates(0.1, 0.1)).round(4).tolist()
     [0.0, 0.3681, 0.0]
     """
     p = np.asarray(probability, np.float64)
-    if look == EXACT:
+    if rates == EXACT:
         return entropy_nats(p)
-    noise = p * entropy_nats(look.miss) + (1 - p) * entropy_nats(look.false_alarm)
-    seen = p * (1 - look.miss) + (1 - p) * look.false_alarm
+    noise = p * entropy_nats(rates.miss) + (1 - p) * entropy_nats(rates.false_alarm)
+    seen = p * (1 - rates.miss) + (1 - p) * rates.false_alarm
     return np.maximum(entropy_nats(seen) - noise, 0)
 
 
