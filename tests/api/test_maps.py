@@ -44,6 +44,7 @@ class TestState:
             "order": 3,
             "revision": 1,
             "shape": [1],
+            "grid": None,
             "cell": [0],
         }
         assert (view["state"], view["verdict"]) == ([1], ["occupied"])

@@ -59,7 +59,9 @@ def hall() -> Iterator[Context]:
         settings = Settings(data=Path(folder), updater=False)
         prepare_database(settings.url)
         with open_context(settings) as ctx:
-            new = NewLocation(name=NAME, interval_s=INTERVAL_S, kind="grid3d", grid=sweep.GRID, estimator="static")
+            new = NewLocation(
+                name=NAME, interval_s=INTERVAL_S, kind="grid3d", grid=sweep.GRID, estimator="static", min_cells=8
+            )
             create_location(ctx, new)
             for ago in range(1, 13):
                 post(ctx, body(ctx.clock() - INTERVAL_S * ago, np.zeros(3)))
