@@ -18,7 +18,7 @@ from tidemap.media_types import EVENT_STREAM
 HEARTBEAT_S = 10.0
 """After so long without a message comes a comment: proxies end what is silent for a minute, or for half of one."""
 RETRY_MS = 2000
-STOP_LOOK_S = 0.5
+STOP_POLL_S = 0.5
 """How often to look whether the server stops."""
 END_S = 2.0
 """How long the end of the answer may wait for the reader."""
@@ -62,16 +62,17 @@ class ServerSentEvents(Response):
     async def _until_stopping(self) -> None:
         stopping = state_of(self._request).stopping
         while not stopping.is_set():
-            await asyncio.sleep(STOP_LOOK_S)
+            await asyncio.sleep(STOP_POLL_S)
 
 
 def block_of(message: EventMessage) -> bytes:
-    """A message as a block of the stream; an anomaly's id is the point to resume from.
+    """A message as a block of the stream; a new anomaly's id is the point to resume from.
 
     >>> block_of(EventMessage("anomaly", "lab", 7, 0.0))
     b'id: 7\\ndata: {"kind":"anomaly","location":"lab","id":7,"time":"1970-01-01T00:00:00Z"}\\n\\n'
     """
-    head = b"id: %d\n" % message.id if message.kind == "anomaly" else b""
+    is_new = message.kind == "anomaly" and not message.data.get("update")
+    head = b"id: %d\n" % message.id if is_new else b""
     return head + b"data: " + orjson.dumps(message.wire()) + b"\n\n"
 
 

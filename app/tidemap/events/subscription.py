@@ -150,7 +150,7 @@ class EventStream(AbstractContextManager["EventStream"]):
             if message is None:
                 self._filled.clear()
                 await self._filled.wait()
-            elif message.kind != "anomaly" or message.id > self._last:
+            elif message.kind != "anomaly" or message.id > self._last or message.data.get("update"):
                 return message
 
     def _wake(self) -> None:
