@@ -7,7 +7,7 @@ from contextlib import suppress
 import orjson
 from starlette.requests import Request
 from starlette.responses import Response
-from starlette.types import Receive, Scope, Send
+from starlette.types import Message, Receive, Scope, Send
 
 from tidemap.api.listening import POSITION, End, listening, serve
 from tidemap.api.state import state_of
@@ -22,6 +22,7 @@ STOP_POLL_S = 0.5
 """How often to look whether the server stops."""
 END_S = 2.0
 """How long the end of the answer may wait for the reader."""
+LAST: Message = {"type": "http.response.body", "body": b""}
 ABORT = "tidemap.abort"
 """The ASGI extension that ends a connection without waiting for its reader."""
 
@@ -46,8 +47,13 @@ class ServerSentEvents(Response):
             carrying = self._send(stream, send), _until_gone(receive), self._until_stopping()
             if await serve(self._request, stream, *carrying) is End.TOO_SLOW:
                 _abort(scope)
-            with suppress(TimeoutError):
-                await asyncio.wait_for(send({"type": "http.response.body", "body": b""}), END_S)
+            try:
+                await asyncio.wait_for(send(LAST), END_S)
+            except TimeoutError:
+                _abort(scope)
+                # It waits until the connection has gone.
+                with suppress(TimeoutError):
+                    await asyncio.wait_for(send(LAST), END_S)
 
     async def _send(self, stream: EventStream, send: Send) -> None:
         await _write(send, f"retry: {RETRY_MS}\nid: {self._wanted.after}\n\n".encode())
