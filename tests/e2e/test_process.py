@@ -26,7 +26,7 @@ def test_what_it_acknowledged_survives_its_death(server: StartServer) -> None:
 
 
 def test_beyond_loopback_it_wants_a_key(tmp_path: Path) -> None:
-    refused = run_command("serve", "--host", "192.0.2.1", "--port", "0", "--data", str(tmp_path))
+    refused = run_command("serve", "--host", "0.0.0.0", "--port", "0", "--data", str(tmp_path))
     assert refused.returncode == 1
     assert "tidemap keys create" in refused.stderr
 

@@ -7,7 +7,7 @@ from contextlib import suppress
 import orjson
 from starlette.requests import Request
 from starlette.responses import Response
-from starlette.types import Receive, Scope, Send
+from starlette.types import Message, Receive, Scope, Send
 
 from tidemap.api.listening import POSITION, End, listening, serve
 from tidemap.api.state import state_of
@@ -18,10 +18,11 @@ from tidemap.media_types import EVENT_STREAM
 HEARTBEAT_S = 10.0
 """After so long without a message comes a comment: proxies end what is silent for a minute, or for half of one."""
 RETRY_MS = 2000
-STOP_LOOK_S = 0.5
+STOP_POLL_S = 0.5
 """How often to look whether the server stops."""
 END_S = 2.0
 """How long the end of the answer may wait for the reader."""
+LAST: Message = {"type": "http.response.body", "body": b""}
 ABORT = "tidemap.abort"
 """The ASGI extension that ends a connection without waiting for its reader."""
 
@@ -46,8 +47,13 @@ class ServerSentEvents(Response):
             carrying = self._send(stream, send), _until_gone(receive), self._until_stopping()
             if await serve(self._request, stream, *carrying) is End.TOO_SLOW:
                 _abort(scope)
-            with suppress(TimeoutError):
-                await asyncio.wait_for(send({"type": "http.response.body", "body": b""}), END_S)
+            try:
+                await asyncio.wait_for(send(LAST), END_S)
+            except TimeoutError:
+                _abort(scope)
+                # It waits until the connection has gone.
+                with suppress(TimeoutError):
+                    await asyncio.wait_for(send(LAST), END_S)
 
     async def _send(self, stream: EventStream, send: Send) -> None:
         await _write(send, f"retry: {RETRY_MS}\nid: {self._wanted.after}\n\n".encode())
@@ -62,16 +68,17 @@ class ServerSentEvents(Response):
     async def _until_stopping(self) -> None:
         stopping = state_of(self._request).stopping
         while not stopping.is_set():
-            await asyncio.sleep(STOP_LOOK_S)
+            await asyncio.sleep(STOP_POLL_S)
 
 
 def block_of(message: EventMessage) -> bytes:
-    """A message as a block of the stream; an anomaly's id is the point to resume from.
+    """A message as a block of the stream; a new anomaly's id is the point to resume from.
 
     >>> block_of(EventMessage("anomaly", "lab", 7, 0.0))
     b'id: 7\\ndata: {"kind":"anomaly","location":"lab","id":7,"time":"1970-01-01T00:00:00Z"}\\n\\n'
     """
-    head = b"id: %d\n" % message.id if message.kind == "anomaly" else b""
+    is_new = message.kind == "anomaly" and not message.data.get("update")
+    head = b"id: %d\n" % message.id if is_new else b""
     return head + b"data: " + orjson.dumps(message.wire()) + b"\n\n"
 
 

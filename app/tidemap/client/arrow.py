@@ -34,6 +34,13 @@ def read(content: bytes) -> tuple[Any, dict[str, NDArray[Any]]]:
     }
 
 
+def read_columns(content: bytes) -> dict[str, NDArray[Any]]:
+    """The columns of a stream that `write` wrote."""
+    with pa.ipc.open_stream(pa.py_buffer(content)) as stream:
+        table = stream.read_all()
+    return {name: np.asarray(table.column(name).to_numpy()) for name in table.column_names}
+
+
 def _values(column: Any) -> NDArray[Any]:
     if pa.types.is_string(column.type):
         return np.array(column.to_pylist(), np.str_)

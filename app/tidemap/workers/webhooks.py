@@ -15,9 +15,9 @@ from tidemap.workers.worker import Worker
 
 log = logging.getLogger(__name__)
 ANOMALIES = EventFilter(kinds=frozenset({"anomaly"}))
-LOOK_S = 1.0
+POLL_S = 1.0
 """How often to look for anomalies of other processes, and for what is to be tried again."""
-STOP_LOOK_S = 0.2
+STOP_POLL_S = 0.2
 BATCH = 100
 """Deliveries to one receiver, one after the other, before what is due is looked up again."""
 RECEIVERS = 8
@@ -30,7 +30,7 @@ class WebhookSender:
     def __init__(self, ctx: Context, election: LeaderElection) -> None:
         self._ctx = ctx
         self._election = election
-        self._worker = Worker("webhooks", LOOK_S, self._round)
+        self._worker = Worker("webhooks", POLL_S, self._round)
         self._busy: dict[int, Future[None]] = {}
         self._pool = ThreadPoolExecutor(RECEIVERS, "tidemap-webhook")
         self._unsubscribe: Callable[[], None] = lambda: None
@@ -97,5 +97,5 @@ class WebhookSender:
             except ShuttingDownError:
                 attempt.cancel()
                 raise
-            await asyncio.wait({attempt}, timeout=STOP_LOOK_S)
+            await asyncio.wait({attempt}, timeout=STOP_POLL_S)
         return attempt.result()

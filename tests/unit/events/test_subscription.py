@@ -7,9 +7,11 @@ from threading import Event, Thread
 import pytest
 
 from tests.support.waiting import WAIT_S
+from tidemap.api.server_sent import block_of
 from tidemap.events.bus import Bus
 from tidemap.events.messages import EventMessage, Kind
 from tidemap.events.subscription import REPLAY_PAGE, EventFilter, EventStream, Subscription, listen
+from tidemap.scope import Scope
 
 
 def message(number: int, kind: Kind = "anomaly", location: str = "lab") -> EventMessage:
@@ -228,3 +230,28 @@ def test_a_stream_that_is_closed_hears_no_more() -> None:
         return []
 
     assert played(scenario) == []
+
+
+def test_an_update_of_an_anomaly_that_is_known_is_heard() -> None:
+    """Also of one from before the reader came: it is news, and no point to resume from."""
+
+    async def listen_in() -> list[tuple[int, bool]]:
+        bus = Bus()
+        with EventStream(bus, EventFilter(after=7), 9, _none_missed) as stream:
+            for number, update in ((7, False), (3, True), (8, False)):
+                bus.publish(EventMessage("anomaly", "lab", number, 0.0, {"update": update}))
+            return [(each.id, each.data["update"]) for each in [await anext(stream), await anext(stream)]]
+
+    assert asyncio.run(listen_in()) == [(3, True), (8, False)]
+    assert block_of(EventMessage("anomaly", "lab", 3, 0.0, {"update": True})).startswith(b"data: ")
+    assert block_of(EventMessage("anomaly", "lab", 8, 0.0, {"update": False})).startswith(b"id: 8\ndata: ")
+
+
+async def _none_missed(after: int, limit: int) -> list[EventMessage]:
+    return []
+
+
+@pytest.mark.parametrize(("patterns", "heard"), [(None, ["door", "lab"]), (("lab",), ["lab"]), (("do*",), ["door"])])
+def test_only_what_is_in_scope_is_heard(patterns: tuple[str, ...] | None, heard: list[str]) -> None:
+    wanted = EventFilter(scope=Scope(patterns))
+    assert [name for name in ("door", "lab") if wanted.wants(message(1, location=name))] == heard

@@ -11,6 +11,7 @@ from tidemap.client.errors import OutboxError, TidemapError
 from tidemap.client.outbox.backoff import ALL, Backoff
 from tidemap.client.outbox.lock import SenderLock
 from tidemap.client.outbox.outcome import SendOutcome, Verdict, judge, words
+from tidemap.client.outbox.splitting import halves
 from tidemap.client.outbox.store import Kept, OutboxStore
 from tidemap.client.retry import RetryPolicy
 from tidemap.client.transport import Server
@@ -21,12 +22,16 @@ POLL_S = 0.5
 """How often to look for what other processes have put into the file, and whether the one that sends is gone."""
 CONNECT_S = 5.0
 """A robot out of range should notice soon that it is back."""
+WRONG_INPUT = 422
+"""Something in a batch is wrong: the rest of it may not be."""
 STOP_S = 5.0
 """How long to wait for a request under way. What it carries stays in the file if it is not answered."""
 
 
 class Sender:
-    """Sends what is in the outbox at `path` to a server: in order for each location, and without end."""
+    """Sends what is in the outbox at `path` to a server: in order for each location, and without end.
+
+    What is refused for some of its measurements is sent in ever smaller parts, behind the others."""
 
     def __init__(self, path: Path, server: Server, timeout_s: float, retry: RetryPolicy) -> None:
         self._path = path
@@ -114,6 +119,9 @@ class Sender:
             store.sent(kept.id)
             self._backoff.answered(path)
             self._last_words = ""
+        elif error.status == WRONG_INPUT and (parts := halves(kept.batch)) is not None:
+            store.split(kept.id, parts)
+            self._backoff.answered(path)
         elif verdict.outcome is SendOutcome.REFUSED:
             log.warning("%s refused %d measurements: %s", path, kept.batch.measurements, words(error))
             store.refuse(kept.id, error.status, words(error))

@@ -118,6 +118,13 @@ class OutboxStore:
         with self._transaction() as db:
             db.execute("DELETE FROM batch WHERE id = ?", [number])
 
+    def split(self, number: int, parts: Iterable[Batch]) -> None:
+        """Keep parts of a batch instead of it; they wait behind the others."""
+        with self._transaction() as db:
+            db.execute("DELETE FROM batch WHERE id = ?", [number])
+            for part in parts:
+                _insert(db, part)
+
     def failed(self, number: int, error: str) -> None:
         """Note that a batch could not be sent; it goes on waiting."""
         with self._transaction() as db:
