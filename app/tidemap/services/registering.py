@@ -20,7 +20,7 @@ from tidemap.storage.records import LocationRecord
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sweep:
+class TimedScan:
     """A scan at a time (Unix seconds), and whether it is to be registered."""
 
     time: float
@@ -29,11 +29,11 @@ class Sweep:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RegisteredSweep:
+class RegisteredScan:
     """A sweep with its registration, and what it saw: one snapshot, whose cells ascend; nothing in quarantine."""
 
     location: LocationRecord
-    sweep: Sweep
+    sweep: TimedScan
     registration: RegistrationOutcome
     seen: Measurements
 
@@ -43,26 +43,26 @@ class RegisteredSweep:
         return self.registration.verdict == "quarantined"
 
 
-def sweep_of(location: LocationRecord, sent: SentScan) -> Sweep:
+def timed_scan(location: LocationRecord, sent: SentScan) -> TimedScan:
     """What was sent, for the grid of a location. Raises InvalidInputError."""
     scan = scan_of(sent, _grid(location))
-    return Sweep(sent.header.time, scan, sent.header.registration)
+    return TimedScan(sent.header.time, scan, sent.header.registration)
 
 
-def register_sweep(ctx: Context, location: LocationRecord, sweep: Sweep) -> RegisteredSweep:
+def register_scan(ctx: Context, location: LocationRecord, sweep: TimedScan) -> RegisteredScan:
     """Register a sweep by what is expected at its time, and cast its rays. Raises InvalidInputError."""
     grid = _grid(location)
     check_time(sweep.time, target_of(ctx, location))
     refuse_outside(sweep.scan, grid)
     registration = _registered(ctx, location, sweep)
     if registration.verdict == "quarantined":
-        return RegisteredSweep(location, sweep, registration, _snapshot(sweep.time, *np.zeros((2, 0), np.int64)))
+        return RegisteredScan(location, sweep, registration, _snapshot(sweep.time, *np.zeros((2, 0), np.int64)))
     seen = sweep.scan.at(registration.map_from_sensor).cast(grid)
     if not len(seen.cell):
         raise InvalidInputError.at(
             "map_from_sensor", "no ray crosses the grid or ends in it; check the pose and that lengths are metres"
         )
-    return RegisteredSweep(location, sweep, registration, _snapshot(sweep.time, seen.cell, seen.state))
+    return RegisteredScan(location, sweep, registration, _snapshot(sweep.time, seen.cell, seen.state))
 
 
 def _grid(location: LocationRecord) -> GridGeometry:
@@ -73,7 +73,7 @@ def _grid(location: LocationRecord) -> GridGeometry:
     return location.grid
 
 
-def _registered(ctx: Context, location: LocationRecord, sweep: Sweep) -> RegistrationOutcome:
+def _registered(ctx: Context, location: LocationRecord, sweep: TimedScan) -> RegistrationOutcome:
     """Where a sweep stands in the map, as far as that can be known."""
     if sweep.mode == "never":
         return as_stated(sweep.scan, "registration was not wanted")

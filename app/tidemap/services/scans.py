@@ -19,7 +19,7 @@ from tidemap.services.context import Context
 from tidemap.services.locations import find_location
 from tidemap.services.observe import judged, publish, record_of, refuse
 from tidemap.services.posts import Entry, Observed, Post, store_all
-from tidemap.services.registering import RegisteredSweep, Sweep, register_sweep, sweep_of
+from tidemap.services.registering import RegisteredScan, TimedScan, register_scan, timed_scan
 from tidemap.space.pose import Pose
 from tidemap.space.scan import Scan
 from tidemap.storage.blobs import pack_scan, unpack_scan
@@ -50,7 +50,7 @@ def begin_scan(ctx: Context, name: str, post: Post, read: Callable[[], SentScan]
     """Place a scan and queue what it saw; the future has what `submit_scan` returns. Raises as that."""
     try:
         location = ctx.caches.locations.get(name, partial(find_location, ctx))
-        registered = register_sweep(ctx, location, sweep_of(location, read()))
+        registered = register_scan(ctx, location, timed_scan(location, read()))
     except DomainError:
         refuse(ctx, name, post)
         raise
@@ -79,7 +79,7 @@ def replay_scan(ctx: Context, name: str, scan_id: int) -> Observed:
     Raises LocationNotFoundError, ScanNotFoundError, ScanSettledError, CorruptChunkError, InvalidInputError, BusyError.
     """
     location, record = _find(ctx, name, scan_id)
-    registered = register_sweep(ctx, location, _sweep(ctx, location, record))
+    registered = register_scan(ctx, location, _sweep(ctx, location, record))
     post = Post(Body(b"", ""), record.source)
     entry = _entry(ctx, post, registered)
     again = _record(ctx, post, registered)
@@ -126,7 +126,7 @@ def _find(ctx: Context, name: str, scan_id: int) -> tuple[LocationRecord, ScanRe
     return location, record
 
 
-def _entry(ctx: Context, post: Post, registered: RegisteredSweep) -> Entry:
+def _entry(ctx: Context, post: Post, registered: RegisteredScan) -> Entry:
     """What to store of a scan. One that is too old to be kept leaves nothing."""
     if registered.quarantined:
         entry = Entry(registered.location, post, record_of(ctx, post, registered.seen), [], 0)
@@ -135,7 +135,7 @@ def _entry(ctx: Context, post: Post, registered: RegisteredSweep) -> Entry:
     return entry if entry.dropped else replace(entry, scan=_record(ctx, post, registered))
 
 
-def _record(ctx: Context, post: Post, registered: RegisteredSweep) -> ScanRecord:
+def _record(ctx: Context, post: Post, registered: RegisteredScan) -> ScanRecord:
     payload = _packed(registered.sweep) if registered.quarantined else None
     return ScanRecord(
         location_id=registered.location.id,
@@ -168,7 +168,7 @@ def _plain(registration: RegistrationOutcome) -> dict[str, Any]:
     }
 
 
-def _packed(sweep: Sweep) -> bytes:
+def _packed(sweep: TimedScan) -> bytes:
     scan = sweep.scan
     header = {
         "time": sweep.time,
@@ -182,7 +182,7 @@ def _packed(sweep: Sweep) -> bytes:
     return pack_scan(scan.points, header)
 
 
-def _sweep(ctx: Context, location: LocationRecord, record: ScanRecord) -> Sweep:
+def _sweep(ctx: Context, location: LocationRecord, record: ScanRecord) -> TimedScan:
     """The inverse of `_packed`. Raises ScanSettledError, CorruptChunkError."""
     if record.payload is None:
         raise ScanSettledError(record.id, record.verdict)
@@ -199,4 +199,4 @@ def _sweep(ctx: Context, location: LocationRecord, record: ScanRecord) -> Sweep:
         min_hits=header["min_hits"],
         flat=header["flat"],
     )
-    return Sweep(header["time"], scan, header["mode"])
+    return TimedScan(header["time"], scan, header["mode"])
