@@ -21,7 +21,7 @@ from tidemap.services.context import Context, open_context
 from tidemap.services.locations import NewLocation, create_location, find_location
 from tidemap.services.observe import judged
 from tidemap.services.posts import Post
-from tidemap.services.registering import register_sweep, sweep_of
+from tidemap.services.registering import register_scan, timed_scan
 from tidemap.services.scans import begin_scan
 from tidemap.services.spectra import fitted
 from tidemap.services.surfaces import surface_at
@@ -91,11 +91,11 @@ def parts(ctx: Context, sent: ScanBody) -> dict[str, float | int | str]:
     """What each step takes, alone, in milliseconds."""
     location = find_location(ctx, NAME)
     read = read_scan(sent)
-    asked = sweep_of(location, read)
+    asked = timed_scan(location, read)
     surface = surface_at(ctx, fitted(ctx, NAME), asked.scan, asked.time)
-    registered = register_sweep(ctx, location, asked)
+    registered = register_scan(ctx, location, asked)
     steps = {
-        "parse_ms": lambda: sweep_of(location, read_scan(ScanBody(sent.content, sent.media_type))),
+        "parse_ms": lambda: timed_scan(location, read_scan(ScanBody(sent.content, sent.media_type))),
         "register_ms": lambda: register(asked.scan, surface),
         "cast_ms": lambda: asked.scan.cast(sweep.GRID),
         "judge_and_pack_ms": lambda: judged(ctx, Post(sent), location, registered.seen),
