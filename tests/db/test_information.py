@@ -104,3 +104,13 @@ def test_work_is_bounded_and_ends_with_the_asker(ctx: Context, monkeypatch: pyte
 
     with pytest.raises(AskerLeftError):
         information_at(ctx, name, InformationQuery(start=0.0, stop=600.0, step=60.0), leave)
+
+
+def test_looks_err_as_the_sensor_does_unless_it_is_said(ctx: Context) -> None:
+    make_location(ctx, "door", sensor={"miss": 0.1, "false_alarm": 0.2})
+    post_states(ctx, "door", BEGIN + MINUTE * np.arange(200), np.arange(200) % 20 < 10)
+    refit(ctx, "door")
+    state = state_at(ctx, "door", StateQuery(NOW, given="model"))
+    for miss, rates in ((None, ErrorRates(0.1, 0.2)), (0.0, ErrorRates(0.0, 0.2))):
+        view = information_at(ctx, "door", InformationQuery(time=NOW, given="model", miss=miss))
+        np.testing.assert_allclose(view.information, information(state.probability, rates), atol=1e-5)

@@ -304,8 +304,8 @@ class LocationOperations(AnomalyOperations):
         """What looking at the location, or at its part in bbox, is expected to say, in nats.
 
         At a time (now, if none is given) of every cell; or, by any of start, stop, step and best, in a window (the next
-        day) for all cells together, with the `best` times. `miss` and `false_alarm` are how often looks err; `as_of`
-        and `given` are as of `state`.
+        day) for all cells together, with the `best` times. `miss` and `false_alarm` are how often looks err, by default
+        as the location's sensor does; `as_of` and `given` are as of `state`.
         """
         query = present(
             time=None if time is None else unix(time),

@@ -7,13 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.errors import InvalidInputError
+from tidemap.services.beliefs import detector_of
 from tidemap.services.context import Context
 from tidemap.services.given import Given, known_at
 from tidemap.services.predict import predicted_blocks
 from tidemap.services.series import times_between
 from tidemap.services.spectra import Fitted, fitted
 from tidemap.services.state import cells_in
+from tidemap.spectral.belief import Detector
 from tidemap.spectral.information import ErrorRates, best_times, entropy_nats, information
+from tidemap.spectral.sensor import Sensor
 from tidemap.spectral.window import DAY_S
 
 MAX_VALUES = 50_000_000
@@ -28,7 +31,8 @@ class InformationQuery:
     """A question for one time (Unix seconds; by default now), or for [start, stop) every `step` seconds.
 
     A window is asked for by any of start, stop, step and best; by default it is the next day. `bbox`, `as_of` and
-    `given` are as of a `StateQuery`; `best`: how many of the best times are wanted.
+    `given` are as of a `StateQuery`; `best`: how many of the best times are wanted. miss, false_alarm: how often a look
+    errs, by default as often as the location's sensor.
     """
 
     time: float | None = None
@@ -37,8 +41,8 @@ class InformationQuery:
     step: float | None = None
     bbox: tuple[float, ...] | None = None
     best: int = 0
-    miss: float = 0.0
-    false_alarm: float = 0.0
+    miss: float | None = None
+    false_alarm: float | None = None
     as_of: float | None = None
     given: Given = "observations"
 
@@ -85,8 +89,8 @@ def information_at(
 
     Raises LocationNotFoundError, NoModelError, CorruptChunkError, InvalidInputError also when it asks for too much.
     """
-    rates = _error_rates(query)
     model = fitted(ctx, name)
+    rates = _error_rates(query, detector_of(model))
     time, cell = _times(ctx, model, query), cells_in(model, query.bbox)
     _check_size(query, len(cell), len(time))
     as_of = ctx.clock() if query.as_of is None else query.as_of
@@ -123,9 +127,11 @@ def _check_size(query: InformationQuery, n_cells: int, n_times: int) -> None:
         )
 
 
-def _error_rates(query: InformationQuery) -> ErrorRates:
+def _error_rates(query: InformationQuery, detector: Detector | None) -> ErrorRates:
+    usual = Sensor(0.0, 0.0) if detector is None else detector.sensor
+    miss = usual.miss if query.miss is None else query.miss
     try:
-        return ErrorRates(query.miss, query.false_alarm)
+        return ErrorRates(miss, usual.false_alarm if query.false_alarm is None else query.false_alarm)
     except ValueError:
         raise InvalidInputError.at("miss", "miss and false_alarm are shares whose sum is less than 1") from None
 

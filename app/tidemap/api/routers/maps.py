@@ -153,8 +153,13 @@ async def information(
     step: Annotated[float | None, Query(gt=0, description="Seconds; default: 288 times at most.")] = None,
     bbox: Box = None,
     best: Annotated[int, Query(ge=0, le=MAX_BEST, description="How many of the best times of the window.")] = 0,
-    miss: Annotated[Share, Query(description="How often a look says free of an occupied cell.")] = 0.0,
-    false_alarm: Annotated[Share, Query(description="How often a look says occupied of a free cell.")] = 0.0,
+    miss: Annotated[
+        Share | None,
+        Query(description="How often a look says free of an occupied cell; by default as the sensor does."),
+    ] = None,
+    false_alarm: Annotated[
+        Share | None, Query(description="How often a look says occupied of a free cell; by default as the sensor does.")
+    ] = None,
     as_of: AsOf = None,
     given: GivenQuery = "observations",
 ) -> Response:
