@@ -98,13 +98,19 @@ def test_a_copy_from_the_midst_of_posting_is_whole(server: StartServer, tmp_path
         assert (again.status_code, again.json()["duplicate"]) == (200, True)
 
 
+def make_database(folder: Path) -> None:
+    """With a robot's key."""
+    for words in (("migrate",), ("keys", "create", "--role", "robot")):
+        assert command(*words, "--data", str(folder)).returncode == 0
+
+
 class TestFile:
     """Where the copy goes, and what happens to what was there."""
 
     @pytest.fixture
     def data(self, tmp_path: Path) -> Path:
         folder = tmp_path / "data"
-        assert command("keys", "create", "--role", "robot", "--data", str(folder)).returncode == 0
+        make_database(folder)
         return folder
 
     def test_what_is_there_stays_unless_told_otherwise(self, data: Path, tmp_path: Path) -> None:
@@ -145,7 +151,7 @@ class TestFile:
 
     def test_a_folder_with_any_name(self, tmp_path: Path) -> None:
         folder = tmp_path / ODD
-        assert command("keys", "create", "--role", "robot", "--data", str(folder)).returncode == 0
+        make_database(folder)
         for words in (("backup", str(folder / f"{ODD}.db")), ("verify",), ("keys", "list")):
             done = command(*words, "--data", str(folder))
             assert done.returncode == 0, done.stderr
