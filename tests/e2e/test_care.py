@@ -66,7 +66,7 @@ class TestVerify:
     def test_nothing_to_open(self, tmp_path: Path) -> None:
         done = command("verify", "--data", str(tmp_path))
         assert (done.returncode, done.stdout) == (2, "")
-        assert "unable to open" in done.stderr
+        assert "There is no database" in done.stderr
         assert list(tmp_path.iterdir()) == []
 
     @pytest.mark.parametrize("content", [b"", b"this is a letter, not a database" * 100])
