@@ -1,6 +1,6 @@
 """Keys that see some locations, that expire, that are rotated and revoked; and who changed what."""
 
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from typing import Any
 
 import pytest
@@ -194,6 +194,33 @@ def test_what_is_changed_is_in_the_audit_log_with_who_changed_it(limited: Any) -
     ], "and what was refused is not"
     for secret in (made["key"], secrets["boss"]):
         assert secret not in api.get("/audit?limit=1000", headers=boss).text
+
+
+def test_no_body_hides_what_was_asked_from_the_audit_log(limited: Any) -> None:
+    api, secrets = limited
+    boss = bearer(secrets["boss"])
+    query = "start=0&stop=1"
+    done(api.request("DELETE", f"/locations/door/observations?{query}", content=b"x", headers=boss))
+    form = b" " * 5000 + b'{"name": "spaced", "interval_s": 60}'
+    done(api.request("POST", "/locations", content=form, headers=boss | {"Content-Type": "application/json"}), 201)
+    entries = done(api.get("/audit?limit=2", headers=boss))["items"]
+    assert [each["detail"] for each in entries] == ['{"name":"spaced","interval_s":60}', query]
+
+
+@pytest.mark.parametrize(
+    "path", ["/keys/1", "/locations/door", "/webhooks/1", "/locations/door/observations?start=0&stop=1"]
+)
+def test_a_body_that_nobody_needs_is_not_read(limited: Any, path: str) -> None:
+    api, secrets = limited
+    taken = []
+
+    async def endless() -> AsyncIterator[bytes]:
+        for _ in range(200):
+            taken.append(1)
+            yield b"x" * 65536
+
+    problem(api.request("DELETE", path, content=endless(), headers=bearer(secrets["robot here"])), 403)
+    assert len(taken) < 200
 
 
 def test_the_audit_log_is_read_page_by_page(limited: Any) -> None:

@@ -66,6 +66,13 @@ def test_the_last_id_resumes_and_wins_over_after(site: Site) -> None:
         assert [message["id"] for message in source.take(4)] == ids[2:]
 
 
+def test_a_resume_point_that_is_still_to_come_silences_nothing(site: Site) -> None:
+    room = site.empty_room()
+    with event_source(site.server.url, f"?location={room}&kind=anomaly&after={10**17}") as source:
+        anomaly = site.observe(room, [200], [1])["anomalies"][0]
+        assert source.take(1)[0]["id"] == anomaly["id"]
+
+
 def test_what_happens_before_the_first_message_can_be_resumed(site: Site) -> None:
     room = site.empty_room()
     before = site.observe(room, [100], [1])["anomalies"][0]["id"]

@@ -1,5 +1,6 @@
 """What routes depend on: the context, bodies within their limit, times and cursors of queries."""
 
+import json
 from typing import Annotated
 
 from fastapi import Depends, Query, Request
@@ -34,8 +35,20 @@ async def audited_context(request: Request, ctx: Ctx) -> Context:
     """The context of this server; what a request writes with it comes with an entry of the audit log."""
     principal = await run_in_threadpool(authenticate, request)
     action = f"{request.method} {request.scope['route'].path.removeprefix(BASE)}"
-    sent = (await request.body()).decode("utf-8", "replace") or request.url.query
-    return audited(ctx, principal, action, request.url.path.removeprefix(BASE), sent)
+    said = (request.url.query, await _form_text(request))
+    return audited(ctx, principal, action, request.url.path.removeprefix(BASE), " ".join(filter(None, said)))
+
+
+async def _form_text(request: Request) -> str:
+    """The JSON form that was read within its limit, as compact text; empty of a route that takes none."""
+    if request.scope["route"].body_field is None:
+        return ""
+    try:
+        form = json.loads(await request.body())
+    except ValueError:
+        # What is no JSON is refused, and changes nothing.
+        return ""
+    return json.dumps(form, separators=(",", ":"), ensure_ascii=False)
 
 
 async def posted_body(request: Request, time: str | None, layout: str | None, share: Share) -> Body:
