@@ -520,3 +520,23 @@ def test_nor_for_questions_with_a_form(api: Api, question: str) -> None:
 def test_cells_outside_are_not_found(api: Api, lab: str, question: str, cell: int) -> None:
     found = problem(api.get(f"/locations/{lab}/{question}?cell={cell}"), 404, "cell-not-found")
     assert "0 to 23" in found["detail"]
+
+
+def test_an_answer_that_changed_has_another_tag(api: Api) -> None:
+    name = api.location(estimator="static", missing="hold", hold_s=10 * HOUR)
+    time, state = fortnight()
+    api.observe(name, time, state)
+    api.update(name)
+    asked = f"/locations/{name}/state?time={NOW + HOUR}&last_seen=true"
+    tag = api.get(asked).headers["etag"]
+
+    def changed() -> bool:
+        nonlocal tag
+        before, tag = tag, api.get(asked).headers["etag"]
+        return bool(before != tag)
+
+    assert not changed()
+    done(api.request("PATCH", f"/locations/{name}", json={"missing": "mask"}))
+    assert changed()
+    done(api.request("DELETE", f"/locations/{name}/observations?start={time[3]}&stop={time[3] + 1}"))
+    assert changed()

@@ -15,9 +15,12 @@ from tidemap.services import given as services_given
 from tidemap.services.compaction import forget
 from tidemap.services.context import Context
 from tidemap.services.deletion import Deletion, delete_observations
-from tidemap.services.locations import find_location
+from tidemap.services.given import known_at
+from tidemap.services.locations import LocationChanges, change_location, find_location
+from tidemap.services.observed import observed_at
 from tidemap.services.predict import PredictQuery, predict_at
 from tidemap.services.readings import Readings, last_seen, readings_at
+from tidemap.services.spectra import fitted
 from tidemap.services.state import StateQuery, state_at
 from tidemap.storage.records import LocationRecord
 
@@ -213,3 +216,39 @@ def test_each_of_a_few_cells_keeps_its_state_for_as_long_as_it_does(ctx: Context
             assert sure[2:].min() > sure[:2].max() + 0.1
             twice = PredictQuery([last + 30 * MINUTE], [3, 0, 3], given="observations")
             assert predict_at(each, "rooms", twice).probability[:, 0].tolist() == view.probability[[3, 0, 3]].tolist()
+
+
+def test_what_is_compacted_meanwhile_is_read_from_the_history(ctx: Context) -> None:
+    make_location(ctx, "lab", SHAPE, estimator="static")
+    post_rows(ctx, "lab", [(BEGIN + MINUTE * n, cell, n % 2) for n in range(10) for cell in CELLS])
+    refit(ctx, "lab")
+    cells = np.array(sorted(CELLS))
+    known_at(ctx, fitted(ctx, "lab"), cells, NOW)
+    post_rows(ctx, "lab", [(BEGIN + MINUTE * 11, 5, 0)])
+    before = fitted(ctx, "lab")
+    compact_now(ctx, "lab")
+    found, fresh = known_at(ctx, before, cells, NOW), known_at(ctx, fitted(ctx, "lab"), cells, NOW)
+    assert found.evidence.sample.tolist() == fresh.evidence.sample.tolist()
+
+
+def test_beliefs_follow_a_change_of_hold(ctx: Context, database_url: str) -> None:
+    make_location(
+        ctx, "door", estimator="static", missing="hold", hold_s=3600, sensor={"miss": 0.1, "false_alarm": 0.1}
+    )
+    post_states(ctx, "door", BEGIN + MINUTE * np.arange(100), np.arange(100) % 40 < 20)
+    refit(ctx, "door")
+    query = StateQuery(BEGIN + MINUTE * 150, as_of=BEGIN + MINUTE * 149)
+    state_at(ctx, "door", query)
+    change_location(ctx, "door", LocationChanges(hold_s=60.0))
+    with opened(database_url) as again:
+        assert state_at(ctx, "door", query).probability == state_at(again, "door", query).probability
+
+
+def test_what_comes_in_during_a_question_is_for_the_next_one(ctx: Context) -> None:
+    make_location(ctx, "lab", SHAPE, estimator="static")
+    post_rows(ctx, "lab", [(BEGIN + MINUTE * n, cell, n % 2) for n in range(10) for cell in CELLS])
+    refit(ctx, "lab")
+    before = fitted(ctx, "lab")
+    post_rows(ctx, "lab", [(NOW - MINUTE, 5, 1)])
+    seen = observed_at(ctx, before, np.array(sorted(CELLS)), NOW - 10 * MINUTE)
+    assert seen.sample.max() < before.location.base.sample(NOW - 10 * MINUTE)

@@ -15,6 +15,7 @@ from tidemap.services.given import Given
 from tidemap.services.information import InformationQuery, information_at
 from tidemap.services.state import StateQuery, state_at
 from tidemap.spectral.information import ErrorRates, information
+from tidemap.spectral.sensor import Sensor
 
 MINUTE = 60.0
 BEGIN = NOW - 300 * MINUTE
@@ -110,7 +111,15 @@ def test_looks_err_as_the_sensor_does_unless_it_is_said(ctx: Context) -> None:
     make_location(ctx, "door", sensor={"miss": 0.1, "false_alarm": 0.2})
     post_states(ctx, "door", BEGIN + MINUTE * np.arange(200), np.arange(200) % 20 < 10)
     refit(ctx, "door")
-    state = state_at(ctx, "door", StateQuery(NOW, given="model"))
+    state = Sensor(0.1, 0.2).state_probability(state_at(ctx, "door", StateQuery(NOW, given="model")).probability)
     for miss, rates in ((None, ErrorRates(0.1, 0.2)), (0.0, ErrorRates(0.0, 0.2))):
         view = information_at(ctx, "door", InformationQuery(time=NOW, given="model", miss=miss))
-        np.testing.assert_allclose(view.information, information(state.probability, rates), atol=1e-5)
+        np.testing.assert_allclose(view.information, information(state, rates), atol=1e-5)
+
+
+def test_without_readings_it_is_about_the_state_too(ctx: Context) -> None:
+    make_location(ctx, "room", sensor={"miss": 0.1, "false_alarm": 0.1})
+    post_states(ctx, "room", BEGIN + MINUTE * np.arange(290), np.arange(290) % 10 == 0)
+    refit(ctx, "room")
+    query = InformationQuery(time=NOW + 30 * 86_400, given="model")
+    assert information_at(ctx, "room", query).entropy[0] < 0.05, "a tenth of the readings are false alarms"

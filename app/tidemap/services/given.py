@@ -133,6 +133,7 @@ class _Version:
     first_time: float | None
     deleted: int
     sensor: SensorSetting | None
+    hold_samples: int | None
 
 
 def kept_evidence(ctx: Context, model: Fitted, cells: NDArray[np.int64]) -> KeptEvidence | None:
@@ -141,7 +142,7 @@ def kept_evidence(ctx: Context, model: Fitted, cells: NDArray[np.int64]) -> Kept
     whole = model.loaded.known
     key = (location.id, model.revision.recipe)
     counted = (location.observation_seq, location.first_time, location.deleted)
-    version = _Version(model.revision.revision, *counted, location.sensor)
+    version = _Version(model.revision.revision, *counted, location.sensor, location.hold_samples)
     if len(cells) < len(whole):
         held = ctx.caches.evidence.held(key, version)
         rows = np.searchsorted(whole, cells)
@@ -161,8 +162,10 @@ def _renewed(ctx: Context, model: Fitted, cells: NDArray[np.int64], version: _Ve
     if before is not None:
         old, kept = cast(_Version, before[0]), before[1]
         same = replace(old, observations=version.observations) == version
-        if same and not kept.damaged and location.compacted_seq <= old.observations <= version.observations:
-            return _moved(ctx, model, kept, cells, _first_since(ctx, location, old.observations))
+        if same and not kept.damaged and old.observations <= version.observations:
+            first = _first_since(ctx, location, old.observations)
+            if first is not None:
+                return _moved(ctx, model, kept, cells, first)
     return _found(ctx, model, cells, latest)
 
 
@@ -182,9 +185,14 @@ def _moved(
     return KeptEvidence(kept.evidence.replaced(rows, cast(Beliefs, new.evidence)), new.damaged)
 
 
-def _first_since(ctx: Context, location: LocationRecord, number: int) -> NDArray[np.float64]:
-    """(n_cells,) the least time of what was read of each cell in observations after one, NaN where nothing was."""
+def _first_since(ctx: Context, location: LocationRecord, number: int) -> NDArray[np.float64] | None:
+    """(n_cells,) the least time of what was read of each cell in observations after one, NaN where nothing was.
+
+    None where some of them are compacted by now.
+    """
     with ctx.store.read() as work:
+        if work.locations.by_id(location.id).compacted_seq > number:
+            return None
         tail = work.observations.tail(replace(location, compacted_seq=number))
     first = np.full(location.n_cells, np.nan)
     for _, part in tail.parts:

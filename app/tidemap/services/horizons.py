@@ -78,6 +78,10 @@ def evaluate_horizons(
 
     Damaged chunks are left out. `check` is called between steps; what it raises ends this. Raises InvalidInputError.
     """
+    if location.sensor is not None:
+        raise InvalidInputError.at(
+            "horizons_s", "the sensor of this location errs, and scores by horizon take readings as true; leave it out"
+        )
     plan, first, stop = _plan(ctx, location, query)
     sampled = sample_cells(ctx, location, (first, stop), check, SCORED_CELLS, until=plan.start, read=read_history)
     history = _thinned(sampled.history, plan)

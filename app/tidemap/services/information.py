@@ -90,14 +90,17 @@ def information_at(
     Raises LocationNotFoundError, NoModelError, CorruptChunkError, InvalidInputError also when it asks for too much.
     """
     model = fitted(ctx, name)
-    rates = _error_rates(query, detector_of(model))
+    detector = detector_of(model)
+    rates = _error_rates(query, detector)
     time, cell = _times(ctx, model, query), cells_in(model, query.bbox)
     _check_size(query, len(cell), len(time))
     as_of = ctx.clock() if query.as_of is None else query.as_of
     known = known_at(ctx, model, cell, as_of) if query.given == "observations" else None
     sums, cells = np.zeros((2, len(time))), None
     for part, p in predicted_blocks(model.spectrum, time, cell, check, known):
-        unknown, said = entropy_nats(p), information(p, rates)
+        # The rhythm is that of readings, with what errs in them; beliefs are about the state.
+        state = p if detector is None or known is not None else detector.sensor.state_probability(p)
+        unknown, said = entropy_nats(state), information(state, rates)
         sums[:, part] = unknown.sum(axis=0), said.sum(axis=0)
         if not query.of_window:
             cells = CellInformation(cell, unknown[:, 0], said[:, 0])

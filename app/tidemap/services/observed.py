@@ -38,7 +38,8 @@ def _kept(ctx: Context, model: Fitted, cells: NDArray[np.int64], sample: int) ->
         return None
     if not ctx.caches.evidence.takes(EVIDENCE_BYTES * len(cells)):
         return None
-    return kept_evidence(ctx, fitted(ctx, model.location.name), cells)
+    # The location as it was when the question began: what came in since is for the next one.
+    return kept_evidence(ctx, Fitted(model.location, fitted(ctx, model.location.name).loaded), cells)
 
 
 def _forgotten(ctx: Context, model: Fitted, kept: Evidence) -> LastSeen:

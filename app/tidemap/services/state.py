@@ -83,18 +83,19 @@ class StateView(StateFacts):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Asked:
-    """A question, and the spectrum that answers it."""
+    """A question, the spectrum that answers it, and when it was asked."""
 
     query: StateQuery
     model: Fitted
     as_of: float
+    now: float
 
     @property
     def confidence(self) -> float:
         """The question's, or the location's."""
         return self.model.location.confidence if self.query.confidence is None else self.query.confidence
 
-    def readings_version(self) -> tuple[float, int, str] | None:
+    def readings_version(self) -> tuple[object, ...] | None:
         """What changes whenever other readings are used, or used otherwise; None where none are.
 
         Moments after all that the latest reading stands for are alike.
@@ -103,7 +104,8 @@ class Asked:
             return None
         location = self.model.location
         stands = self.as_of if location.last_time is None else location.last_time + (location.hold_s or 0.0)
-        return min(self.as_of, stands), location.observation_seq, str(location.sensor)
+        counted = (location.observation_seq, location.deleted, location.first_time)
+        return min(self.as_of, self.now, stands), *counted, location.hold_samples, str(location.sensor)
 
     def facts(self) -> StateFacts:
         """What the answer says of itself, as far as it does not say what was last seen."""
@@ -128,8 +130,9 @@ def ask(ctx: Context, name: str, query: StateQuery, claim: Claim | None = None) 
 
     Raises LocationNotFoundError, NoModelError, CorruptChunkError, UnauthorizedError.
     """
-    as_of = ctx.clock() if query.as_of is None else query.as_of
-    return Asked(query, fitted(ctx, name, query.estimator, query.order, claim), as_of)
+    now = ctx.clock()
+    as_of = now if query.as_of is None else query.as_of
+    return Asked(query, fitted(ctx, name, query.estimator, query.order, claim), as_of, now)
 
 
 def state_at(ctx: Context, name: str, query: StateQuery) -> StateView:

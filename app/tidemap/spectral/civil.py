@@ -2,6 +2,7 @@
 
 from datetime import UTC, datetime
 from functools import lru_cache
+from threading import Lock
 from zoneinfo import ZoneInfo
 
 import holidays
@@ -67,10 +68,15 @@ def knows_calendar(calendar: str) -> bool:
     return country in parts and (not part or part in parts[country])
 
 
+_FILLING = Lock()
+
+
 @lru_cache(maxsize=1 << 16)
 def _is_holiday(day: int, calendar: str) -> bool:
     date = datetime.fromtimestamp(day * DAY_S + MONDAY_S, UTC).date()
-    return date in _holidays(calendar)
+    # A calendar that is asked about a new year says no to others until it has filled it.
+    with _FILLING:
+        return date in _holidays(calendar)
 
 
 @lru_cache(maxsize=64)

@@ -1,5 +1,7 @@
 """Public holidays: a location with a calendar lives them as Sundays, in fitting, predicting and reconstruction."""
 
+import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from datetime import UTC, datetime
 
@@ -12,7 +14,7 @@ from numpy.typing import NDArray
 from tidemap.history.history import History
 from tidemap.history.timebase import TimeBase
 from tidemap.spectral.auto.selection import choose
-from tidemap.spectral.civil import civil_seconds, knows_calendar, week_seconds, weekdays
+from tidemap.spectral.civil import MONDAY_S, SUNDAY, civil_seconds, knows_calendar, week_seconds, weekdays
 from tidemap.spectral.estimators import fit_recipe
 from tidemap.spectral.prediction import predict_slow, predict_times
 from tidemap.spectral.recipe import Recipe
@@ -103,3 +105,16 @@ def test_selection_lives_by_the_calendar() -> None:
 )
 def test_codes(code: str, known: bool) -> None:
     assert knows_calendar(code) is known
+
+
+def test_threads_agree_on_a_year_that_nobody_asked_about_yet() -> None:
+    christmas = np.array([(datetime(2031, 12, 25, tzinfo=UTC).timestamp() - MONDAY_S) // DAY_S], np.int64)
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)
+    try:
+        with ThreadPoolExecutor(4) as pool:
+            for calendar in ("GB", "DE", "FR", "IT", "ES", "PL", "CZ", "AT"):
+                found = [pool.submit(weekdays, christmas, calendar) for _ in range(4)]
+                assert [int(each.result()[0]) for each in found] == [SUNDAY] * 4
+    finally:
+        sys.setswitchinterval(interval)

@@ -89,7 +89,8 @@ def _answer(request: Request, ctx: Context, asked: Asked) -> Response:
     if asked.query.observed:
         return encode()
     query, read = replace(asked.query, as_of=None), asked.readings_version()
-    key = (facts.location_id, facts.revision, query, media_type, facts.confidence, facts.unavailable, read)
+    model = (facts.location_id, facts.revision, asked.model.revision.recipe, facts.unavailable)
+    key = (*model, query, media_type, facts.confidence, read)
     return with_etag(request, key, encode)
 
 
