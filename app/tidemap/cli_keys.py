@@ -3,6 +3,7 @@
 import argparse
 import getpass
 import json
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -55,15 +56,23 @@ def _finish(command: argparse.ArgumentParser, run: Callable[[argparse.Namespace]
 
 
 @contextmanager
-def _opened(arguments: argparse.Namespace, action: str) -> Iterator["Context"]:
-    """The database, whose changes are noted as made by the user of this command."""
+def _opened(arguments: argparse.Namespace, action: str, target: str, detail: str | None = None) -> Iterator["Context"]:
+    """The database, whose changes are noted as made by the user of this command: which key, and what was given."""
     from tidemap.services.audit import audited
     from tidemap.services.context import open_context
     from tidemap.services.keys import Principal
 
-    who = Principal(f"{getpass.getuser()} on the command line", "admin", None)
+    who = Principal(f"{_user()} on the command line", "admin", None)
     with open_context(existing_settings(arguments)) as ctx:
-        yield audited(ctx, who, f"tidemap keys {action}", str(getattr(arguments, "id", "")))
+        yield audited(ctx, who, f"tidemap keys {action}", target, detail)
+
+
+def _user() -> str:
+    """The name of who runs this; in a container a user may have none."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return f"uid {os.getuid()}"
 
 
 def _create(arguments: argparse.Namespace) -> int:
@@ -83,7 +92,7 @@ def _create(arguments: argparse.Namespace) -> int:
         )
     except ValidationError as error:
         raise InvalidInputError.at("--location or --name", error.errors()[0]["msg"]) from None
-    with _opened(arguments, "create") as ctx:
+    with _opened(arguments, "create", form.name, form.model_dump_json(exclude_defaults=True)) as ctx:
         key = create_key(ctx, form.name, form.role, Scope.of(form.locations), form.expires_at)
     return _show(key, arguments.json)
 
@@ -91,7 +100,7 @@ def _create(arguments: argparse.Namespace) -> int:
 def _rotate(arguments: argparse.Namespace) -> int:
     from tidemap.services.keys import rotate_key
 
-    with _opened(arguments, "rotate") as ctx:
+    with _opened(arguments, "rotate", str(arguments.id), json.dumps({"overlap_s": arguments.overlap})) as ctx:
         key = rotate_key(ctx, arguments.id, arguments.overlap)
     return _show(key, arguments.json)
 
@@ -99,11 +108,13 @@ def _rotate(arguments: argparse.Namespace) -> int:
 def _show(key: "IssuedKey", as_json: bool) -> int:
     from tidemap.api.views.keys import new_key_view
 
+    view = new_key_view(key).model_dump(mode="json")
     if as_json:
-        print(new_key_view(key).model_dump_json())
+        print(json.dumps(view))
     else:
+        end = f", until {view['expires_at']}" if view["expires_at"] else ""
         print(key.key)
-        print(f"Key {key.id} ({key.name}, {key.role}). This secret is shown this once.", file=sys.stderr)
+        print(f"Key {key.id} ({key.name}, {key.role}{end}). This secret is shown this once.", file=sys.stderr)
     return DONE
 
 
@@ -129,7 +140,7 @@ def _list(arguments: argparse.Namespace) -> int:
 def _revoke(arguments: argparse.Namespace) -> int:
     from tidemap.services.keys import delete_key
 
-    with _opened(arguments, "revoke") as ctx:
+    with _opened(arguments, "revoke", str(arguments.id)) as ctx:
         delete_key(ctx, arguments.id)
     print(json.dumps({"revoked": arguments.id}) if arguments.json else f"Key {arguments.id} is revoked.")
     return DONE

@@ -162,6 +162,20 @@ class TooManyWebhooksError(ConflictError):
         super().__init__(f"There are {most} webhooks already. Delete one that nobody needs.")
 
 
+class KeyEndsError(ConflictError):
+    """A key expires within the overlap of its rotation, as one does that was rotated before."""
+
+    code = "key-ends"
+    title = "Key ends soon"
+
+    def __init__(self, key_id: object) -> None:
+        super().__init__(
+            f"Key {key_id} expires before the overlap is over, and a new key would expire with it. If it was rotated "
+            "before, rotate the key that was made then (GET /keys lists them), or make a new one; else give a "
+            "shorter overlap."
+        )
+
+
 class SecretFileError(ConflictError):
     """The file with the key that signatures are made with cannot be used."""
 

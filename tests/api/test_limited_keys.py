@@ -149,6 +149,7 @@ def test_a_rotated_key_and_the_new_one_open_for_the_overlap(limited: Any) -> Non
     finally:
         api.clock.now = NOW
     problem(api.post(f"/keys/{new['id']}/rotate", {"overlap_s": -1}, headers=boss), 422)
+    problem(api.post(f"/keys/{new['id']}/rotate", {"overlap_s": 1000}, headers=boss), 409, "key-ends")
     at_once = done(api.post(f"/keys/{new['id']}/rotate", {"overlap_s": 0}, headers=boss), 201)
     problem(api.get(asked, headers=bearer(new["key"])), 401)
     done(api.get(asked, headers=bearer(at_once["key"])))

@@ -2,13 +2,16 @@
 
 import hashlib
 import hmac
+import math
 
 import pytest
 from sqlalchemy import select
 
-from tidemap.errors import KeyNotFoundError, UnauthorizedError
+from tidemap.errors import InvalidInputError, KeyEndsError, KeyNotFoundError, UnauthorizedError
+from tidemap.schemas import keys as schemas
 from tidemap.services.context import Context
 from tidemap.services.keys import (
+    MAX_OVERLAP_S,
     SESSION_S,
     by_secret,
     by_session,
@@ -16,6 +19,7 @@ from tidemap.services.keys import (
     delete_key,
     end_session,
     list_keys,
+    rotate_key,
     start_session,
 )
 from tidemap.storage.repositories.keys import MAX_SESSIONS
@@ -51,6 +55,30 @@ def test_another_secret_does_not_open(ctx: Context, secret: str) -> None:
     create_key(ctx, "robot", "robot")
     with pytest.raises(UnauthorizedError):
         by_secret(ctx, secret)
+
+
+@pytest.mark.parametrize("overlap_s", [math.nan, math.inf, -math.inf, -1.0, MAX_OVERLAP_S + 1])
+def test_an_overlap_that_is_none_changes_nothing(ctx: Context, overlap_s: float) -> None:
+    key = create_key(ctx, "robot", "robot")
+    with pytest.raises(InvalidInputError, match="0 to 7776000 seconds"):
+        rotate_key(ctx, key.id, overlap_s)
+    (kept,) = list_keys(ctx)
+    assert kept.expires_at is None
+
+
+def test_the_overlap_has_one_bound_in_the_form_and_behind_it() -> None:
+    assert schemas.MAX_OVERLAP_S == MAX_OVERLAP_S
+
+
+def test_a_key_that_was_rotated_makes_no_second_one_that_ends_with_it(ctx: Context) -> None:
+    key = create_key(ctx, "robot", "robot")
+    first = rotate_key(ctx, key.id, 100.0)
+    ctx.clock.now += 50  # type: ignore[attr-defined]
+    with pytest.raises(KeyEndsError, match="rotate the key that was made then"):
+        rotate_key(ctx, key.id, 100.0)
+    assert len(list_keys(ctx)) == 2
+    assert first.expires_at is None
+    assert rotate_key(ctx, first.id, 100.0).expires_at is None
 
 
 def test_a_session_ends_with_its_time(ctx: Context) -> None:

@@ -3,9 +3,10 @@
 import random
 import time
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -17,8 +18,15 @@ from tidemap.scope import EVERYWHERE, Scope
 from tidemap.services import delivery
 from tidemap.services.context import Context
 from tidemap.services.locations import delete_location
-from tidemap.services.webhooks import change_webhook, create_webhook, list_deliveries, retry_delivery
+from tidemap.services.webhooks import (
+    change_webhook,
+    create_webhook,
+    delete_webhook,
+    list_deliveries,
+    retry_delivery,
+)
 from tidemap.storage.records import DeliveryRecord
+from tidemap.workers import webhooks
 from tidemap.workers.webhooks import WebhookSender
 
 
@@ -65,6 +73,7 @@ def ids(entries: list[tuple[str, dict[str, object]]]) -> set[int]:
 
 def test_a_receiver_that_fails_at_random_misses_nothing(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(delivery, "RETRY_S", (0.0,) * 1000)
+    monkeypatch.setattr(webhooks, "POLL_S", 0.01)
     chance, door = dice(), room(ctx)
     with receiving(lambda: chance.choice([200, 204, 302, 404, 429, 500, 503, BREAK])) as receiver:
         webhook = subscribe(ctx, receiver)
@@ -151,6 +160,98 @@ def test_a_receiver_that_is_gone_is_left_alone(ctx: Context) -> None:
             assert not work.webhooks.get(webhook).enabled
 
 
+def test_a_webhook_that_is_gone_is_left_no_deliveries(ctx: Context) -> None:
+    door = room(ctx)
+    with receiving() as receiver:
+        webhook = subscribe(ctx, receiver)
+        alarm(ctx, door, 1)
+        delete_webhook(ctx, webhook)
+        delivery.add_due(ctx, webhook)
+        with ctx.store.read() as work:
+            assert work.webhooks.waiting(webhook) == 0
+
+
+def one_batch(ctx: Context, webhook: int) -> None:
+    """What is due is sent until its thread is for another receiver."""
+    with elected(ctx) as election:
+        until(lambda: election.term)
+        sender = WebhookSender(ctx, election)
+        sender._round()
+        sender._busy[webhook].result()
+        sender.stop()
+
+
+@pytest.mark.parametrize("change", [lambda ctx, it: change_webhook(ctx, it, {"enabled": False}), delete_webhook])
+def test_a_webhook_that_is_ended_is_not_sent_the_rest(ctx: Context, change: Callable[[Context, int], Any]) -> None:
+    door = room(ctx)
+
+    def end() -> int:
+        if not receiver.came:
+            change(ctx, webhook)
+        return 204
+
+    with receiving(end) as receiver:
+        webhook = subscribe(ctx, receiver)
+        for number in range(3):
+            alarm(ctx, door, number)
+        one_batch(ctx, webhook)
+        assert len(receiver.came) == 1
+
+
+def test_the_rest_goes_to_the_new_url_at_once(ctx: Context) -> None:
+    door = room(ctx)
+
+    def move() -> int:
+        change_webhook(ctx, webhook, {"url": new.url})
+        return 410
+
+    with receiving(move) as old, receiving() as new:
+        webhook = subscribe(ctx, old)
+        new.secret = old.secret
+        posted = [alarm(ctx, door, number) for number in range(3)]
+        one_batch(ctx, webhook)
+        assert len(old.came) == 1
+        assert ids(new.accepted) == set(posted[1:]), "and what the old one answered does not end the new one"
+
+
+def test_of_a_location_that_is_out_of_scope_by_now_nothing_is_sent(ctx: Context) -> None:
+    door, yard = room(ctx), room(ctx, "yard-gate")
+
+    def narrow() -> int:
+        change_webhook(ctx, webhook, {"scope": Scope(("yard-*",))})
+        return 204
+
+    with receiving(narrow) as receiver:
+        webhook = subscribe(ctx, receiver)
+        first, _, third = alarm(ctx, door, 1), alarm(ctx, door, 2), alarm(ctx, yard, 3)
+        one_batch(ctx, webhook)
+        assert [message["data"]["id"] for _, message in receiver.came] == [first, third]
+        assert deliveries(ctx, webhook, "waiting") == []
+
+
+def test_a_receiver_that_does_not_answer_has_its_thread_for_one_attempt(ctx: Context) -> None:
+    door = room(ctx)
+    with receiving(lambda: BREAK) as receiver:
+        webhook = subscribe(ctx, receiver)
+        posted = {alarm(ctx, door, number) for number in range(2)}
+        one_batch(ctx, webhook)
+        assert len(receiver.came) == 1
+        one_batch(ctx, webhook)
+        assert ids(receiver.came) == posted
+        assert [each.attempts for each in deliveries(ctx, webhook, "waiting")] == [1, 1]
+
+
+def test_a_receiver_that_wants_no_more_is_sent_no_more(ctx: Context) -> None:
+    door = room(ctx)
+    with receiving(lambda: 410) as receiver:
+        webhook = subscribe(ctx, receiver)
+        for number in range(3):
+            alarm(ctx, door, number)
+        one_batch(ctx, webhook)
+        assert len(receiver.came) == 1
+        assert len(deliveries(ctx, webhook, "waiting")) == 2
+
+
 def test_redirects_are_not_followed(ctx: Context) -> None:
     door = room(ctx)
     with receiving() as other, receiving(lambda: 302, {"Location": other.url}) as receiver, sending(ctx):
@@ -191,9 +292,7 @@ def test_more_than_may_wait_waits_in_its_own_table(ctx: Context, monkeypatch: py
     with receiving() as receiver:
         webhook = subscribe(ctx, receiver)
         posted = {alarm(ctx, door, number) for number in range(random.randint(5, 9))}
-        with ctx.store.read() as work:
-            record = work.webhooks.get(webhook)
-        delivery.add_due(ctx, record)
+        delivery.add_due(ctx, webhook)
         assert len(deliveries(ctx, webhook, "waiting")) == 2
         with sending(ctx):
             until(lambda: len(receiver.accepted) == len(posted))

@@ -1,6 +1,7 @@
 """Keys, as people make and use them."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -11,11 +12,13 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
+from tests.support.contexts import opened
 from tests.support.here import command
 from tests.support.paths import ROOT
 from tests.support.server import ServerProcess, StartServer, clean_environment
 from tests.support.server_sent import event_source
 from tests.support.waiting import WAIT_S
+from tidemap.services.audit import list_entries
 
 
 def make_key(where: tuple[str, ...], role: str, *more: str) -> dict[str, Any]:
@@ -141,10 +144,37 @@ def test_keys_that_are_limited_rotated_and_noted(server: StartServer) -> None:
         done = command("keys", "create", "--role", "robot", *where, *wrong)
         assert (done.returncode, done.stdout) == (1, "")
         assert "Traceback" not in done.stderr
+    for overlap in ("nan", "inf", "-1", "1e9"):
+        done = command("keys", "rotate", str(new["id"]), *where, "--overlap", overlap)
+        assert (done.returncode, done.stdout) == (1, "")
+        assert "overlap_s: give 0 to" in done.stderr
     headers = bearer(admin["key"])
     entries = httpx.get(f"{running.url}/api/v1/audit", headers=headers, trust_env=False).json()["items"]
     assert [each["action"] for each in entries] == ["tidemap keys rotate", *["tidemap keys create"] * 2]
     assert all(each["actor"].endswith("on the command line") for each in entries)
+    assert [each["target"] for each in entries] == [str(limited["id"]), "operator", "admin"]
+    assert json.loads(entries[0]["detail"]) == {"overlap_s": 0}
+    created = json.loads(entries[1]["detail"])
+    assert (created["name"], created["role"], created["locations"]) == ("operator", "operator", ["hall", "yard-*"])
+    for made in (admin, limited, new):
+        assert made["key"] not in json.dumps(entries)
+
+
+def test_a_user_without_a_name_makes_keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in a container that runs as any number: neither the environment nor the list of users names it."""
+    where = ("--data", str(tmp_path))
+    assert command("migrate", *where).returncode == 0
+
+    def nobody(uid: int) -> None:
+        raise KeyError(f"getpwuid(): uid not found: {uid}")
+
+    monkeypatch.setattr("pwd.getpwuid", nobody)
+    nameless = dict.fromkeys(("LOGNAME", "USER", "LNAME", "USERNAME"), "")
+    made = command("keys", "create", "--role", "admin", *where, env=nameless)
+    assert made.returncode == 0, made.stderr
+    with opened(f"sqlite:///{tmp_path / 'tidemap.db'}") as ctx:
+        (entry,) = list_entries(ctx, None, 10)
+    assert entry.actor == f"uid {os.getuid()} on the command line"
 
 
 def test_streams_and_sockets_end_when_their_key_expires(server: StartServer) -> None:

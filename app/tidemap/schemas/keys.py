@@ -31,7 +31,7 @@ class KeyForm(Form):
 
 
 class RotationForm(Form):
-    """How long the old secret still opens after a new one was made."""
+    """How long the old secret still opens after a new one was made: not past the time when the key expires."""
 
     model_config = shown({"overlap_s": 3600})
 

@@ -53,12 +53,13 @@ class Attempt:
         return self.error is None
 
 
-def add_due(ctx: Context, webhook: WebhookRecord) -> None:
-    """Make deliveries of the anomalies since the webhook's cursor, as many as may wait."""
+def add_due(ctx: Context, webhook_id: int) -> None:
+    """Make deliveries of the anomalies since the webhook's cursor, as many as may wait; none where it is gone."""
 
     def add(work: Work) -> None:
-        room = MAX_WAITING - work.webhooks.waiting(webhook.id)
-        if room <= 0:
+        webhook = work.webhooks.find(webhook_id)
+        room = MAX_WAITING - work.webhooks.waiting(webhook_id)
+        if webhook is None or room <= 0:
             return
         latest = work.anomalies.latest()
         found = work.anomalies.ids_after(webhook.cursor, room, webhook.scope)
@@ -69,11 +70,23 @@ def add_due(ctx: Context, webhook: WebhookRecord) -> None:
     ctx.store.write(add)
 
 
+def next_due(ctx: Context, webhook_id: int) -> tuple[WebhookRecord, DeliveryRecord] | None:
+    """What to send next, and the webhook as it is now; None where it is gone or disabled, or nothing is due."""
+    with ctx.store.read() as work:
+        webhook = work.webhooks.find(webhook_id)
+        if webhook is None or not webhook.enabled:
+            return None
+        due = work.webhooks.due(webhook_id, ctx.clock(), 1)
+    return (webhook, due[0]) if due else None
+
+
 async def deliver(ctx: Context, webhook: WebhookRecord, delivery: DeliveryRecord) -> Attempt | None:
-    """Try a delivery; None where its anomaly is gone."""
+    """Try a delivery; None where its anomaly is gone, or of a location that the webhook is not for any more."""
     try:
         event = await asyncio.to_thread(get_event, ctx, delivery.anomaly_id)
     except AnomalyNotFoundError:
+        return None
+    if not webhook.scope.holds(event.location):
         return None
     event = replace(event, cells=event.cells[:MAX_CELLS])
     data = anomaly_message(event, delivery.created_at).wire()
@@ -110,7 +123,7 @@ def settle(ctx: Context, webhook: WebhookRecord, delivery: DeliveryRecord, attem
             return
         work.webhooks.change_delivery(delivery.id, **values)
         if attempt.status == GONE:
-            work.webhooks.change(webhook.id, {"enabled": False})
+            work.webhooks.disable(webhook.id, webhook.url)
         if values["state"] != "waiting":
             work.webhooks.prune(webhook.id, values["state"], KEPT)
 

@@ -11,6 +11,8 @@ from tidemap.errors import DestinationError, InvalidInputError
 
 PORTS = frozenset({None, *range(1, 65536)})
 NAT64 = IPv6Network("64:ff9b::/96")
+UNICAST = IPv6Network("2000::/3")
+"""All of IPv6 that is given out for the public internet (RFC 4291)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,21 +71,19 @@ async def resolve(url: str, private: bool) -> Destination:
 
 
 def is_public(address: IPv4Address | IPv6Address) -> bool:
-    """Whether an address is of the public internet, also where it wraps one of the older kind.
+    """Whether an address is of the public internet. One of NAT64 is as public as the IPv4 address in it; other kinds
+    that hold one (mapped, 6to4, Teredo) are refused, for their way on is not known.
 
     >>> addresses = ("93.184.216.34", "10.1.2.3", "127.0.0.1", "169.254.169.254", "::ffff:127.0.0.1", "64:ff9b::a00:1")
     >>> [is_public(ip_address(each)) for each in addresses]
     [True, False, False, False, False, False]
     """
-    inner = address if isinstance(address, IPv4Address) else _wrapped(address)
-    return address.is_global and not address.is_multicast if inner is None or inner is address else is_public(inner)
-
-
-def _wrapped(address: IPv6Address) -> IPv4Address | None:
-    if address in NAT64:
-        return IPv4Address(int(address) & 0xFFFFFFFF)
-    teredo = address.teredo
-    return address.ipv4_mapped or address.sixtofour or (teredo[1] if teredo else None)
+    if isinstance(address, IPv6Address):
+        if address in NAT64:
+            return is_public(IPv4Address(int(address) & 0xFFFFFFFF))
+        if address not in UNICAST or address.sixtofour or address.teredo:
+            return False
+    return address.is_global and not address.is_multicast
 
 
 def _literal(host: str) -> IPv4Address | IPv6Address | None:

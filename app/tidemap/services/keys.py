@@ -1,12 +1,13 @@
 """Keys: making, checking and revoking them. Secrets are random, so a plain hash of them is enough."""
 
 import hashlib
+import math
 import secrets
 from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from typing import Literal, get_args
 
-from tidemap.errors import BusyError, InvalidInputError, KeyNotFoundError, UnauthorizedError
+from tidemap.errors import BusyError, InvalidInputError, KeyEndsError, KeyNotFoundError, UnauthorizedError
 from tidemap.scope import EVERYWHERE, Scope
 from tidemap.services.context import Context
 from tidemap.storage.records import KeyRecord
@@ -15,6 +16,8 @@ from tidemap.storage.work import Work
 PREFIX = "tm_"
 SESSION_S = 12 * 3600.0
 """How long a browser stays signed in."""
+MAX_OVERLAP_S = 90 * 86400.0
+"""How long a rotated key may still open."""
 Role = Literal["robot", "operator", "admin"]
 ROLES: tuple[Role, ...] = get_args(Role)
 
@@ -58,12 +61,21 @@ def create_key(
 
 
 def rotate_key(ctx: Context, key_id: int, overlap_s: float) -> IssuedKey:
-    """Another key like this one, which itself expires after `overlap_s`. Raises KeyNotFoundError."""
+    """Another key like this one, with the same expiry; this one expires after `overlap_s`, 0 to MAX_OVERLAP_S seconds.
+
+    It is not stored that a key was rotated, only when it expires: one that expires within the overlap is refused, so
+    that rotating a key twice makes no short-lived one unnoticed. Raises KeyNotFoundError, KeyEndsError,
+    InvalidInputError.
+    """
+    if not (math.isfinite(overlap_s) and 0 <= overlap_s <= MAX_OVERLAP_S):
+        raise InvalidInputError.at("overlap_s", f"give 0 to {MAX_OVERLAP_S:.0f} seconds")
 
     def rotate(work: Work) -> IssuedKey:
         old, now = work.keys.get(key_id), ctx.clock()
         if old.expired(now):
             raise KeyNotFoundError(key_id)
+        if old.expires_at is not None and old.expires_at <= now + overlap_s:
+            raise KeyEndsError(key_id)
         work.keys.end(key_id, now + overlap_s)
         return _issue(ctx, work, old.name, _role(old), old.scope, old.expires_at)
 

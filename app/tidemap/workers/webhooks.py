@@ -8,7 +8,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from tidemap.errors import BusyError, ShuttingDownError
 from tidemap.events.subscription import EventFilter, listen
 from tidemap.services.context import Context
-from tidemap.services.delivery import Attempt, add_due, deliver, settle
+from tidemap.services.delivery import Attempt, add_due, deliver, next_due, settle
 from tidemap.storage.records import DeliveryRecord, WebhookRecord
 from tidemap.workers.election import LeaderElection
 from tidemap.workers.worker import Worker
@@ -19,7 +19,7 @@ POLL_S = 1.0
 """How often to look for anomalies of other processes, and for what is to be tried again."""
 STOP_POLL_S = 0.2
 BATCH = 100
-"""Deliveries to one receiver, one after the other, before what is due is looked up again."""
+"""Deliveries to one receiver, one after the other, before its thread is for another one."""
 RECEIVERS = 8
 """Receivers that are sent to at once."""
 
@@ -66,27 +66,38 @@ class WebhookSender:
         for webhook in webhooks:
             self._worker.check()
             if webhook.cursor < latest:
-                add_due(ctx, webhook)
+                add_due(ctx, webhook.id)
             if webhook.id not in self._busy or self._busy[webhook.id].done():
-                self._begin(ctx, webhook)
+                self._begin(ctx, webhook.id)
 
-    def _begin(self, ctx: Context, webhook: WebhookRecord) -> None:
-        with ctx.store.read() as work:
-            due = work.webhooks.due(webhook.id, ctx.clock(), BATCH)
-        if due:
-            self._busy[webhook.id] = self._pool.submit(self._send_all, ctx, webhook, due)
+    def _begin(self, ctx: Context, webhook_id: int) -> None:
+        if next_due(ctx, webhook_id) is not None:
+            self._busy[webhook_id] = self._pool.submit(self._send_all, ctx, webhook_id)
 
-    def _send_all(self, ctx: Context, webhook: WebhookRecord, due: list[DeliveryRecord]) -> None:
+    def _send_all(self, ctx: Context, webhook_id: int) -> None:
         try:
-            for delivery in due:
-                settle(ctx, webhook, delivery, asyncio.run(self._send(ctx, webhook, delivery)))
+            if self._send_batch(ctx, webhook_id):
+                # There may be more.
+                self._worker.wake()
         except BusyError as error:
-            log.debug("webhook %d waits: %s", webhook.id, error.title)
+            log.debug("webhook %d waits: %s", webhook_id, error.title)
         except Exception:
-            log.exception("webhook %d failed and goes on", webhook.id)
-        else:
-            # There may be more.
-            self._worker.wake()
+            log.exception("webhook %d failed and goes on", webhook_id)
+
+    def _send_batch(self, ctx: Context, webhook_id: int) -> bool:
+        """Send what is due, each to the webhook as it is by then; False once an attempt had no answer.
+
+        Such a receiver may cost ATTEMPT_S each time, so the thread goes to another one in between.
+        """
+        for _ in range(BATCH):
+            found = next_due(ctx, webhook_id)
+            if found is None:
+                break
+            attempt = asyncio.run(self._send(ctx, *found))
+            settle(ctx, *found, attempt)
+            if attempt is not None and attempt.status is None:
+                return False
+        return True
 
     async def _send(self, ctx: Context, webhook: WebhookRecord, delivery: DeliveryRecord) -> Attempt | None:
         """An attempt; what is still under way when the sender is to stop is broken off with ShuttingDownError."""

@@ -28,10 +28,15 @@ class WebhookRepository:
 
     def get(self, webhook_id: int) -> WebhookRecord:
         """Raises WebhookNotFoundError."""
-        row = self._connection.execute(select(webhook).where(webhook.c.id == webhook_id)).mappings().first()
-        if row is None:
+        found = self.find(webhook_id)
+        if found is None:
             raise WebhookNotFoundError(webhook_id)
-        return _record(row)
+        return found
+
+    def find(self, webhook_id: int) -> WebhookRecord | None:
+        """As it is now; None where it is gone."""
+        row = self._connection.execute(select(webhook).where(webhook.c.id == webhook_id)).mappings().first()
+        return None if row is None else _record(row)
 
     def list(self, after: int | None = None, limit: int | None = None) -> list[WebhookRecord]:
         """In order of creation; `after` is the last id of the page before."""
@@ -49,6 +54,11 @@ class WebhookRepository:
         if values:
             self._connection.execute(update(webhook).where(webhook.c.id == webhook_id).values(**values))
         return self.get(webhook_id)
+
+    def disable(self, webhook_id: int, url: str) -> None:
+        """Send nothing more to this URL; a webhook that is gone, or that goes elsewhere by now, stays as it is."""
+        there = (webhook.c.id == webhook_id) & (webhook.c.url == url)
+        self._connection.execute(update(webhook).where(there).values(enabled=False))
 
     def delete(self, webhook_id: int) -> None:
         """With its deliveries. Raises WebhookNotFoundError."""
