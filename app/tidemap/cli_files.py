@@ -242,9 +242,13 @@ def _export(arguments: argparse.Namespace) -> int:
 def _save(file: "MapFile", arguments: argparse.Namespace) -> int:
     output: Path = arguments.output or Path()
     path = output / file.name if output.is_dir() else output
-    if path.exists() and not arguments.overwrite:
+    try:
+        with path.open("wb" if arguments.overwrite else "xb") as stream:
+            stream.write(file.content)
+    except FileExistsError:
         return _failed(f"{path} is there already; choose another name, or say --overwrite.")
-    path.write_bytes(file.content)
+    except OSError as error:
+        return _failed(f"{path} cannot be written: {error.strerror}.")
     if file.unavailable:
         print(f"tidemap: cells {file.unavailable} are damaged at the server, and unknown in the file.", file=sys.stderr)
     if arguments.json:

@@ -142,6 +142,12 @@ def test_an_operator_acknowledges_an_event(api: Api, watched: str) -> None:
     assert answer["acknowledged_at"] == "2026-03-02T00:01:00Z"
     assert done(api.get(f"/locations/{watched}/anomalies"))["items"] == [answer]
     assert api.facts(watched)["open_anomalies"] == 0
+    (entry,) = done(api.get("/audit?limit=1"))["items"]
+    assert (entry["action"], entry["target"], entry["time"]) == (
+        "POST /anomalies/{anomaly_id}/acknowledge",
+        f"/anomalies/{event}/acknowledge",
+        answer["acknowledged_at"],
+    )
     again = done(api.post(f"/anomalies/{event}/acknowledge"))
     assert (again["acknowledged_by"], again["note"]) == ("anybody", None)
 

@@ -185,7 +185,13 @@ def described(descr: str, shape: str = "(1,)", rows: bytes = b"") -> bytes:
 
 
 PAIR = "[('time', '<f8'), ('state', '|u1')]"
+LIES = {"(-5, -3)": 15, f"(0, {2**70})": 0, str((1,) * 70): 1}
+"""Shapes that no file has, and bytes of uint8 that would do."""
 NPYS = [
+    *(
+        structured(DOOR, described(PAIR, shape, bytes(9 * n)), 400, None, "declares the shape")
+        for shape, n in LIES.items()
+    ),
     structured(DOOR, {"time": [T]}, 422, "state", "missing"),
     structured(DOOR, {"time": [T], "state": ONE, "robot": [1]}, 422, "robot", "send state, time"),
     structured(DOOR, {"time": [T], "cell": [0], "state": ONE}, 422, "cell", "send state, time"),
@@ -214,8 +220,8 @@ NPYS = [
     structured(DOOR, npy({"time": [T], "state": ONE})[:-1], 400, None, "follow its header"),
     structured(DOOR, npy({"time": [T], "state": ONE}) + b"\0", 400, None, "follow its header"),
     structured(DOOR, described(PAIR, "(10**9,)"), 400, None, "numpy.save"),
-    structured(DOOR, described(PAIR, f"({10**30},)"), 400, None, "follow its header"),
-    structured(DOOR, described(PAIR, "(-1,)"), 400, None, "follow its header"),
+    structured(DOOR, described(PAIR, f"({10**30},)"), 400, None, "declares the shape"),
+    structured(DOOR, described(PAIR, "(-1,)"), 400, None, "declares the shape"),
     structured(DOOR, described(PAIR, "(1.5,)"), 400, None, "numpy.save"),
     structured(DOOR, described("[('time', '|O'), ('state', '|O')]", rows=b"\0" * 16), 422, "time", "float64"),
     structured(DOOR, described("'|O'"), 422, "body", "structured"),
@@ -246,6 +252,7 @@ GRIDS = [
     *(whole(FREE, 422, "time", "zone", time) for time in ("2026-03-01T09:00:00", "2026-03-01")),
     *(whole(FREE, 422, "time", "", time) for time in ("", "now", "nan", "inf", "1e300", str(T * 1000))),
     whole(FREE, 422, "time", "future", str(NOW + DAY)),
+    *(whole(described("'|u1'", shape, bytes(n)), 400, None, "declares the shape") for shape, n in LIES.items()),
     whole(npy(ROWS), 422, "time", "times of their own"),
     raw(f"{LAB}/observations?time={T}", arrow(ROWS), 422, "time", "leave it out", ARROW),
     raw(f"{DOOR}/observations?time={T}", b'{"time": [1], "state": [1]}', 422, "time", "leave it out"),
@@ -265,7 +272,7 @@ GRIDS = [
     whole(described("'|b1'", "(24,)", b"\7" * 24), 422, "body[0]", "0 (free)"),
     whole(described("'|u1'", "(24,)", b"\0" * 23), 400, None, "follow its header"),
     whole(described("'|u1'", "(24,)", b"\0" * 25), 400, None, "follow its header"),
-    whole(described("'|u1'", "(-4, -3, 2)", b"\0" * 24), 422, "body", "shape"),
+    whole(described("'|u1'", "(-4, -3, 2)", b"\0" * 24), 400, None, "declares the shape"),
     whole(described("'|O'", "(24,)", b"\0" * 192), 422, "body", "uint8"),
     whole(b"", 400, None, "numpy.save"),
     whole(FREE, 422, "body", "(1,)", location=DOOR),

@@ -1,10 +1,12 @@
 """Scans that must be refused, each by a name and words that help, and nothing stored."""
 
+import io
 import json
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.lib import format as npformat
 
 from tests.api.house import ARROW, NPY, arrow, npy_file
 from tests.api.refusals import DOOR, LAB, NAN, Case, T, Untouched, raw
@@ -49,7 +51,20 @@ def far(value: float) -> Any:
     return npy_file(np.full((3, 3), value, np.float32))
 
 
+def lying(shape: tuple[int, ...], n_bytes: int) -> bytes:
+    """An npy file that declares a shape, and the bytes behind its header."""
+    head = io.BytesIO()
+    npformat.write_array_header_1_0(head, {"descr": "<f4", "fortran_order": False, "shape": shape})
+    return head.getvalue() + bytes(n_bytes)
+
+
+LIES = [((-5, -3), 60), ((0, 2**70), 0), ((1,) * 70, 4), ((2**62, 2**62, 0), 0)]
 CASES = [
+    *(scan(None, "declares the shape", points=lying(*lie), status=400) for lie in LIES),
+    *(
+        scan(None, "declares the shape", lying(*lie), part="ranges", status=400, angle_min=0.0, angle_increment=0.1)
+        for lie in LIES
+    ),
     scan("map_from_sensor[0]", "finite", map_from_sensor=[NAN, *POSE[1:]]),
     scan("map_from_sensor", "no rotation", map_from_sensor=[0.0] * 7),
     scan("map_from_sensor", "norm", map_from_sensor=[*POSE[:6], 0.7]),

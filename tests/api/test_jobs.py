@@ -117,7 +117,11 @@ def test_a_queued_job_can_be_cancelled_and_no_other(api: Api, seen: str, monkeyp
         until(lambda: done(api.get(f"/jobs/{running['id']}"))["state"] == "running")
         cancelled = done(api.delete(f"/jobs/{queued['id']}"))
         assert cancelled["state"] == "cancelled"
+        audited = done(api.get("/audit?limit=1"))
+        assert audited["items"][0]["action"] == "DELETE /jobs/{job_id}"
+        assert audited["items"][0]["target"] == f"/jobs/{queued['id']}"
         problem(api.delete(f"/jobs/{queued['id']}"), 409, "job-finished")
+        assert done(api.get("/audit?limit=1")) == audited, "what was refused is not in the log"
         problem(api.delete(f"/jobs/{running['id']}"), 409, "job-finished")
     until(lambda: done(api.get(f"/jobs/{running['id']}"))["state"] == "done")
     problem(api.delete(f"/jobs/{running['id']}"), 409, "job-finished")

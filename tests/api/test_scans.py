@@ -9,6 +9,9 @@ import pytest
 from tests.api.house import ARROW, HOUR, NOW, Api, arrow, done, npy_file, open_house, problem
 from tests.support.rooms import CORRIDOR, LAB, VIEWS, around, level, off_by, sweep
 from tests.support.scans import covariance, files
+from tests.unit.formats import clouds
+from tidemap.api.budget import Share
+from tidemap.api.long_questions import answered
 from tidemap.space.grid import GridGeometry
 from tidemap.space.scan import Scan
 
@@ -176,6 +179,68 @@ def test_a_scan_that_fits_after_an_update_is_stored_once(api: Api) -> None:
     mine = next(each for each in listed if each["id"] == answer["scan"])
     assert mine["registration"]["verdict"] == "accepted"
     assert (mine["bytes"], mine["observation"] > 0) == (0, True)
+
+
+@pytest.fixture
+def grown(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """The bytes of memory that are asked for from now on."""
+    sizes: list[int] = []
+    grow = Share.grow
+
+    async def noted(share: Share, size: int) -> None:
+        sizes.append(size)
+        await grow(share, size)
+
+    monkeypatch.setattr(Share, "grow", noted)
+    return sizes
+
+
+def test_compressed_points_cost_what_they_unpack_to(api: Api, grown: list[int]) -> None:
+    name, n = api.location(kind="grid3d", grid=GRID), 20_000
+    content = clouds.pcd(np.full(n, 1, np.dtype([(axis, "<f4") for axis in "xyz"])), "binary_compressed")
+    assert len(content) < n
+    post(api, name, content, media_type="application/x-pcd")
+    assert sum(grown) >= 16 * n * 12
+    grown.clear()
+    damaged = {"files": files({"time": NOW - 60, "map_from_sensor": POSE.values}, content[:-1], "application/x-pcd")}
+    problem(api.post(f"/locations/{name}/scans", **damaged), 400, "unreadable-body")
+    assert sum(grown) < 16 * n
+
+
+def test_unpacking_from_quarantine_is_bounded(
+    api: Api, mapped: str, grown: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    points, answer = quarantined(api, mapped, NOW - 900)
+    (listed,) = (each for each in done(api.get(f"/locations/{mapped}/scans"))["items"] if each["id"] == answer["scan"])
+    assert listed["bytes"] >= points.nbytes, "what they take unpacked, at least"
+    asked: list[object] = []
+
+    async def noted(request: Any, work: Any) -> Any:
+        asked.append(request)
+        return await answered(request, work)
+
+    monkeypatch.setattr("tidemap.api.routers.scans.answered", noted)
+    path = f"/locations/{mapped}/scans/{answer['scan']}"
+    grown.clear()
+    assert api.get(f"{path}/points").content == npy_file(points)
+    assert len(asked) == 1, "as a long question: a few at a time"
+    assert sum(grown) >= 3 * points.nbytes
+    grown.clear()
+    done(api.post(f"{path}/replay"))
+    assert sum(grown) >= 16 * points.nbytes
+    assert api.delete(path).status_code == 204
+
+
+def test_who_replays_and_drops_a_scan_is_in_the_audit_log(api: Api, mapped: str) -> None:
+    path = f"/locations/{mapped}/scans/{quarantined(api, mapped, NOW - 1000)[1]['scan']}"
+    done(api.post(f"{path}/replay"))
+    assert api.delete(path).status_code == 204
+    problem(api.delete(path), 404)
+    entries = done(api.get("/audit?limit=2"))["items"]
+    assert [(each["action"], each["target"]) for each in entries] == [
+        ("DELETE /locations/{name}/scans/{scan_id}", path),
+        ("POST /locations/{name}/scans/{scan_id}/replay", f"{path}/replay"),
+    ], "and what was refused is not"
 
 
 @pytest.mark.parametrize("verdict", ["raw_pose", "quarantined"])

@@ -18,7 +18,7 @@ from tidemap.services.deletion import Deletion, delete_observations
 from tidemap.services.locations import delete_location, get_location
 from tidemap.services.posts import Observed, Post
 from tidemap.services.pruning import prune
-from tidemap.services.scans import ScanQuery, begin_scan, delete_scan, list_scans, points_of, replay_scan
+from tidemap.services.scans import ScanQuery, begin_scan, delete_scan, kept_bytes, list_scans, points_of, replay_scan
 from tidemap.services.verify import verify
 from tidemap.settings import DAY_S
 from tidemap.storage.records import ScanRecord
@@ -78,6 +78,25 @@ def test_quarantine_is_bounded_and_the_oldest_give_way(ctx: Context, lab: str, m
     found = kept(ctx)
     assert [each.id for each in found] == [scan.id for scan in made[:1:-1] if scan] + [placed.scan and placed.scan.id]
     assert sum(each.n_bytes for each in found) <= repository.MAX_QUARANTINE_BYTES
+
+
+def test_points_that_pack_well_fill_quarantine_as_others_do(ctx: Context, lab: str) -> None:
+    points = np.full((5000, 3), 0.5, np.float32)
+    header = ScanHeader(time=600.0, map_from_sensor=[2.5, 2.5, 1.0, 0, 0, 0, 1], covariance=POOR.tolist())
+    apart = begin_scan(ctx, lab, Post(Body(b"", "")), lambda: SentScan(header, points)).result().scan
+    assert apart is not None
+    assert apart.payload is not None
+    assert (len(apart.payload) < 5000, apart.n_bytes) == (True, points.nbytes)
+    assert kept_bytes(ctx, lab, apart.id) == points.nbytes
+
+
+def test_quarantine_holds_so_many_scans_and_the_oldest_give_way(
+    ctx: Context, lab: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(repository, "MAX_QUARANTINED", 3)
+    placed = post(ctx, 610.0).scan
+    made = [post(ctx, 620.0 + i, POOR).scan for i in range(5)]
+    assert [each.id for each in kept(ctx)] == [each.id for each in (*made[:1:-1], placed) if each]
 
 
 def test_a_scan_is_listed_for_its_time_and_keeps_nothing_else_with_it(ctx: Context, clock: Clock, lab: str) -> None:

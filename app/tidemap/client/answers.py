@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
@@ -15,6 +16,8 @@ from tidemap.media_types import ARROW
 from tidemap.schemas.common import parse_time
 from tidemap.schemas.locations import Grid
 
+UNNAMED = "map"
+"""A file to which the server gives no name that can be one."""
 UNKNOWN = -1
 """In integer arrays: never observed, or not observed then."""
 
@@ -217,9 +220,20 @@ def state(content: bytes, media_type: str) -> State:
 
 def map_file(content: bytes, headers: Mapping[str, str]) -> MapFile:
     """The answer of `/export`."""
-    _, _, name = headers["Content-Disposition"].partition("filename=")
     time, revision = parse_time(headers["Tidemap-Time"]), int(headers["Tidemap-Revision"])
-    return MapFile(name.strip('"'), content, time, revision, headers.get("Tidemap-Unavailable", ""))
+    return MapFile(
+        _file_name(headers.get("Content-Disposition", "")),
+        content,
+        time,
+        revision,
+        headers.get("Tidemap-Unavailable", ""),
+    )
+
+
+def _file_name(disposition: str) -> str:
+    """The name of a file in a Content-Disposition, without folders; `UNNAMED` where that is no name."""
+    name = re.split(r"[/\\:]", disposition.partition("filename=")[2].strip().strip('"'))[-1].strip()
+    return name if name.isprintable() and name not in ("", ".", "..") else UNNAMED
 
 
 def _state(said: Mapping[str, Any], columns: Mapping[str, NDArray[Any]]) -> State:

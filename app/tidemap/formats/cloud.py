@@ -80,7 +80,7 @@ class CloudLayout:
         )
         return stacked([rows[name] for name in AXES])
 
-    def planar(self, content: Content, n: int) -> Points:
+    def planar(self, content: memoryview, n: int) -> Points:
         """Points (n, 3) of content that has all values of the first field, then all of the second, and so on."""
         offsets = [n * CloudLayout(self.file, self.before(name)).row_bytes for name in AXES]
         return stacked([np.ndarray(n, *each) for each in zip(self.axis_types, [content] * 3, offsets, strict=True)])
@@ -140,8 +140,11 @@ def unreadable(file: str, why: str) -> UnreadableBodyError:
 
 def stacked(axes: list[NDArray[Any]]) -> Points:
     """x, y and z (n,) as points (n, 3); what float32 cannot hold becomes infinite."""
+    found = np.empty((len(axes[0]), len(axes)), np.float32)
     with np.errstate(over="ignore", invalid="ignore"):
-        return np.stack([axis.astype(np.float32) for axis in axes], axis=1)
+        for column, axis in enumerate(axes):
+            found[:, column] = axis
+    return found
 
 
 def count_of(file: str, what: str, text: str, most: int = MAX_POINTS) -> int:

@@ -20,6 +20,8 @@ FREE_PERCENT, OCCUPIED_PERCENT, MAX_PERCENT = 25, 65, 100
 """In layout `ros`: up to where a cell is free, from where on it is occupied, and the highest there is."""
 MAX_HEAD_BYTES = 4096
 """Bytes of the longest header that is read; that of three fields has 128."""
+MAX_DIMENSIONS = 32
+"""Of an array: what every release of numpy can hold."""
 HEADS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 """By the version of the file. numpy writes others only for names of fields that are no Latin-1."""
 
@@ -119,6 +121,11 @@ def _head(content: Content) -> Head:
         shape, fortran, dtype = HEADS[npy.read_magic(stream)](stream, max_header_size=MAX_HEAD_BYTES)
     except Exception as error:  # a header is a text in Python's syntax: its reader stumbles in many ways
         raise UnreadableBodyError(f"The body is no npy file; write it with numpy.save: {error}") from None
+    if len(shape) > MAX_DIMENSIONS or not all(0 <= n <= len(content) for n in shape):
+        raise UnreadableBodyError(
+            f"The npy file declares the shape {str(shape)[:80]}, which its {len(content)} bytes cannot have. "
+            "Write it with numpy.save, and send the whole file."
+        )
     return Head(shape, fortran, dtype, stream.tell())
 
 

@@ -2,6 +2,7 @@
 
 import struct
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from tidemap.formats.cloud import (
 from tidemap.history.columns import Content
 from tidemap.history.jit import kernel
 
+COMPRESSED = "binary_compressed"
 TYPES = {f"{kind}{size}" for kind in "IU" for size in (1, 2, 4, 8)} | {"F4", "F8"}
 MAX_FIELDS = 1000
 
@@ -29,21 +31,26 @@ def read(content: Content) -> Points:
 
     No memory is taken before the sizes that the header declares are those of the content.
     """
-    lines, start = head_lines("PCD", content, b"DATA")
-    entries = {key: values for key, *values in (line.split() for line in lines if line.strip()) if key[0] != "#"}
-    layout = _layout(entries)
-    layout.check()
-    n = _number_of_points(entries)
-    kind = " ".join(_entry(entries, "DATA"))
-    if kind == "ascii":
+    head = _head(content)
+    layout, n, start = head.layout, head.n, head.start
+    if head.data == "ascii":
         return layout.text(content, start, n)
-    if kind == "binary":
-        if n * layout.row_bytes != len(content) - start:
-            raise _wrong_length(n * layout.row_bytes, len(content) - start)
+    if head.data == "binary":
+        if head.size != len(content) - start:
+            raise _wrong_length(head.size, len(content) - start)
         return layout.packed(content, start, n)
-    if kind == "binary_compressed":
-        return layout.planar(_unpacked(content, start, n * layout.row_bytes), n)
-    raise unreadable("PCD", f"its DATA is {kind[:40]!r}; write ascii, binary or binary_compressed")
+    if head.data == COMPRESSED:
+        return layout.planar(_unpacked(content, head), n)
+    raise unreadable("PCD", f"its DATA is {head.data[:40]!r}; write ascii, binary or {COMPRESSED}")
+
+
+def unpacked_bytes(content: Content) -> int:
+    """Bytes that `read` unpacks beside the content: 0 unless it is compressed. Raises UnreadableBodyError."""
+    head = _head(content)
+    if head.data != COMPRESSED:
+        return 0
+    _packed_bytes(content, head)
+    return head.size
 
 
 def write(points: NDArray[np.float64], probability: NDArray[np.float32]) -> bytes:
@@ -55,6 +62,30 @@ def write(points: NDArray[np.float64], probability: NDArray[np.float32]) -> byte
     ]
     lines += [f"WIDTH {n}", "HEIGHT 1", "VIEWPOINT 0 0 0 1 0 0 0", f"POINTS {n}", "DATA binary", ""]
     return "\n".join(lines).encode() + rows_of(points, probability).tobytes()
+
+
+@dataclass(frozen=True, slots=True)
+class PcdHead:
+    """What the header of a PCD file says: `n` rows, kept as `data` names it from `start` on."""
+
+    layout: CloudLayout
+    n: int
+    data: str
+    start: int
+
+    @property
+    def size(self) -> int:
+        """Bytes of all rows that are not compressed."""
+        return self.n * self.layout.row_bytes
+
+
+def _head(content: Content) -> PcdHead:
+    """What the file begins with. Raises UnreadableBodyError."""
+    lines, start = head_lines("PCD", content, b"DATA")
+    entries = {key: values for key, *values in (line.split() for line in lines if line.strip()) if key[0] != "#"}
+    layout = _layout(entries)
+    layout.check()
+    return PcdHead(layout, _number_of_points(entries), " ".join(_entry(entries, "DATA")), start)
 
 
 def _layout(entries: Mapping[str, list[str]]) -> CloudLayout:
@@ -99,10 +130,21 @@ def _wrong_length(declared: int, found: int) -> Exception:
     )
 
 
-def _unpacked(content: Content, start: int, size: int) -> bytes:
-    """The `size` bytes that stand compressed from `start` on. Raises UnreadableBodyError."""
+def _unpacked(content: Content, head: PcdHead) -> memoryview:
+    """The bytes of all rows that stand compressed in `content`. Raises UnreadableBodyError."""
+    packed = _packed_bytes(content, head)
+    found = np.empty(head.size, np.uint8)
+    if _expand(np.frombuffer(content, np.uint8, packed, head.start + 8), found) != head.size:
+        raise unreadable("PCD", "its compressed points are damaged")
+    return found.data
+
+
+def _packed_bytes(content: Content, head: PcdHead) -> int:
+    """How many compressed bytes there are. Raises UnreadableBodyError unless they can be what the header declares."""
+    start, size = head.start, head.size
     if len(content) - start < 8:
         raise unreadable("PCD", "it ends before the sizes of its compressed points")
+    packed: int
     packed, unpacked = struct.unpack_from("<II", content, start)
     if unpacked != size:
         raise unreadable("PCD", f"its header declares {size} bytes, but its compressed points {unpacked}")
@@ -112,10 +154,7 @@ def _unpacked(content: Content, start: int, size: int) -> bytes:
         raise unreadable("PCD", f"its points would be {size} bytes; at most {MAX_UNPACKED_BYTES} are unpacked")
     if size > packed * MAX_GROWTH:
         raise unreadable("PCD", f"its {packed} compressed bytes cannot be {size} bytes of points")
-    found = np.empty(size, np.uint8)
-    if _expand(np.frombuffer(content, np.uint8, packed, start + 8), found) != size:
-        raise unreadable("PCD", "its compressed points are damaged")
-    return found.tobytes()
+    return packed
 
 
 MAX_UNPACKED_BYTES = 1 << 28

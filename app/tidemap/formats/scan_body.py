@@ -1,16 +1,17 @@
 """Bodies of scans: a JSON header and, beside it, points or ranges; or ranges as JSON alone."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 
 import xxhash
 
-from tidemap.errors import InvalidInputError, UnsupportedMediaTypeError
-from tidemap.formats import multipart
+from tidemap.errors import DomainError, InvalidInputError, UnsupportedMediaTypeError
+from tidemap.formats import multipart, pcd
 from tidemap.formats.multipart import Part
 from tidemap.formats.registry import Body
 from tidemap.history.columns import Content
-from tidemap.media_types import JSON, MULTIPART
+from tidemap.media_types import JSON, MULTIPART, PCD
 
 COST = 16
 """`Body.cost` of a multipart scan: float32 becomes float64 in the frames of the sensor, the map and the cells."""
@@ -55,6 +56,17 @@ class ScanBody(Body):
             digest.update(content)
         digest.update(self.parts.header)
         return digest.digest()
+
+    def hidden_bytes(self) -> int:
+        """Bytes that compressed points unpack to, beside the content; they cost as the content does.
+
+        0 where the body cannot be read: who parses it says why.
+        """
+        with suppress(DomainError):
+            points = self.parts.points
+            if points is not None and points.media_type == PCD:
+                return pcd.unpacked_bytes(points.content)
+        return 0
 
     @property
     def cost(self) -> int:

@@ -113,6 +113,6 @@ class ScanItem(Answer):
     received_at: TimeOut
     source: str | None
     points: int
-    bytes: int = Field(description="Bytes kept of it.")
+    bytes: int = Field(description="Bytes that its kept points take, packed or not, whichever is more.")
     observation: int | None = Field(description="The number of the observation that it became.")
     registration: Registration

@@ -63,7 +63,8 @@ def add_due(ctx: Context, webhook_id: int) -> None:
             return
         latest = work.anomalies.latest()
         found = work.anomalies.ids_after(webhook.cursor, room, webhook.scope)
-        cursor = found[-1] if len(found) == room else latest
+        # What another server stored between the two questions is in what was found.
+        cursor = found[-1] if len(found) == room else max(latest, *found, 0)
         messages = {number: f"msg_{secrets.token_urlsafe(18)}" for number in found}
         work.webhooks.add_deliveries(webhook.id, messages, cursor, ctx.clock())
 
@@ -81,12 +82,12 @@ def next_due(ctx: Context, webhook_id: int) -> tuple[WebhookRecord, DeliveryReco
 
 
 async def deliver(ctx: Context, webhook: WebhookRecord, delivery: DeliveryRecord) -> Attempt | None:
-    """Try a delivery; None where its anomaly is gone, or of a location that the webhook is not for any more."""
+    """Try a delivery; None where its anomaly is gone or part of another, or its location not the webhook's any more."""
     try:
         event = await asyncio.to_thread(get_event, ctx, delivery.anomaly_id)
     except AnomalyNotFoundError:
         return None
-    if not webhook.scope.holds(event.location):
+    if event.id != delivery.anomaly_id or not webhook.scope.holds(event.location):
         return None
     event = replace(event, cells=event.cells[:MAX_CELLS])
     data = anomaly_message(event, delivery.created_at).wire()

@@ -49,13 +49,15 @@ def list_jobs(ctx: Context, after: int | None, limit: int, scope: Scope = EVERYW
 
 def cancel_job(ctx: Context, job_id: int) -> JobRecord:
     """Cancel a queued job. Raises JobNotFoundError, JobFinishedError when it is past that."""
-    cancelled = ctx.store.write(
-        lambda work: work.jobs.transition(job_id, "queued", state="cancelled", finished_at=ctx.clock())
-    )
-    with ctx.store.read() as work:
+
+    def cancel(work: Work) -> JobRecord:
+        cancelled = work.jobs.transition(job_id, "queued", state="cancelled", finished_at=ctx.clock())
         record = work.jobs.get(job_id)
-    if not cancelled:
-        raise JobFinishedError(job_id, record.state)
+        if not cancelled:
+            raise JobFinishedError(job_id, record.state)
+        return record
+
+    record = ctx.store.write(cancel)
     _publish(ctx, record)
     return record
 

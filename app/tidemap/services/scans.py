@@ -64,6 +64,18 @@ def list_scans(ctx: Context, name: str, query: ScanQuery) -> list[ScanRecord]:
         return work.scans.list(location.id, query.registration, query.after, query.limit)
 
 
+def kept_bytes(ctx: Context, name: str, scan_id: int) -> int:
+    """Bytes that the points of a scan in quarantine take, packed or not; 0 of one that has left it.
+
+    Raises LocationNotFoundError, ScanNotFoundError.
+    """
+    with ctx.store.read() as work:
+        record = work.scans.listed(work.locations.get(name).id, scan_id)
+    if record is None:
+        raise ScanNotFoundError(name, scan_id)
+    return record.n_bytes
+
+
 def points_of(ctx: Context, name: str, scan_id: int) -> NDArray[np.float32]:
     """The points (n, 3) of a scan in quarantine, in the sensor's frame.
 
@@ -149,7 +161,7 @@ def _record(ctx: Context, post: Post, registered: RegisteredScan) -> ScanRecord:
         points=len(registered.sweep.scan.points),
         idempotency_key=post.idempotency_key,
         body_hash=None if post.idempotency_key is None else post.body.digest,
-        n_bytes=0 if payload is None else len(payload),
+        n_bytes=0 if payload is None else max(len(payload), registered.sweep.scan.points.nbytes),
         payload=payload,
     )
 

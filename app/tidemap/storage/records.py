@@ -371,7 +371,7 @@ class DeliveryRecord:
 class ScanRecord:
     """A scan and what became of it; `id` is 0 until it is stored. `registration` is plain JSON.
 
-    payload: its points, as long as it is in quarantine, `n_bytes` long.
+    payload: its points, as long as it is in quarantine; n_bytes: what they take at most, packed or not.
     """
 
     location_id: int

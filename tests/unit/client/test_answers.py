@@ -1,6 +1,7 @@
 """Answers as arrays."""
 
 import json
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -9,7 +10,7 @@ import pytest
 from tidemap.client import answers
 from tidemap.media_types import ARROW
 
-META = {
+META: dict[str, Any] = {
     "time": "2026-03-01T09:00:00Z",
     "as_of": "2026-03-01T08:00:00Z",
     "given": "observations",
@@ -148,3 +149,27 @@ def test_json_says_the_same_as_arrow() -> None:
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
         assert getattr(one, name).dtype.kind == getattr(other, name).dtype.kind
     assert (one.time, one.shape, one.revision) == (other.time, other.shape, other.revision)
+
+
+@pytest.mark.parametrize(
+    ("disposition", "name"),
+    [
+        ('attachment; filename="hall.pcd"', "hall.pcd"),
+        ("attachment; filename=hall.pcd", "hall.pcd"),
+        ('attachment; filename="../../.ssh/authorized_keys"', "authorized_keys"),
+        ('attachment; filename="/etc/hall.pcd"', "hall.pcd"),
+        ('attachment; filename="..\\..\\hall.pcd"', "hall.pcd"),
+        ('attachment; filename="C:hall.pcd"', "hall.pcd"),
+        *(
+            (f'attachment; filename="{name}"', answers.UNNAMED)
+            for name in ("", ".", "..", "a/..", "a/", "a\0b", "a\nb")
+        ),
+        ("attachment", answers.UNNAMED),
+        (None, answers.UNNAMED),
+    ],
+)
+def test_a_file_is_named_without_folders(disposition: str | None, name: str) -> None:
+    headers = {"Tidemap-Time": META["time"], "Tidemap-Revision": "1"}
+    if disposition is not None:
+        headers["Content-Disposition"] = disposition
+    assert answers.map_file(b"", headers).name == name

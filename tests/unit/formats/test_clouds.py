@@ -207,6 +207,24 @@ def test_many_declared_points_take_no_memory(n: int) -> None:
     tracemalloc.stop()
 
 
+def test_compressed_points_are_unpacked_once_and_said_to_be_before() -> None:
+    n = 30_000
+    content = clouds.pcd(np.zeros(n, np.dtype([(name, "<f4") for name in "xyz"])), "binary_compressed")
+    assert pcd.unpacked_bytes(content) == n * 12 > 20 * len(content)
+    pcd.read(content)
+    tracemalloc.start()
+    assert pcd.read(content).shape == (n, 3)
+    assert tracemalloc.get_traced_memory()[1] < 2.3 * n * 12, "the bytes, and the points"
+    tracemalloc.stop()
+
+
+def test_only_compressed_points_take_memory_beside_their_file() -> None:
+    table = some(3)
+    assert [pcd.unpacked_bytes(clouds.pcd(table, data)) for data in PCD_DATA] == [0, 0, 3 * table.dtype.itemsize]
+    with pytest.raises(UnreadableBodyError, match="bytes, but"):
+        pcd.unpacked_bytes(clouds.pcd(table, "binary_compressed")[:-1])
+
+
 def test_more_than_packed_bytes_can_hold_is_refused() -> None:
     n = MAX_GROWTH * 100
     table = np.zeros(n, np.dtype([(name, "<f4") for name in "xyz"]))

@@ -7,7 +7,18 @@ from fastapi import APIRouter, Depends, Query, Request
 from starlette.responses import Response
 
 from tidemap.api.bodies import FormRoute
-from tidemap.api.dependencies import After, Ctx, FilteringOperator, Id, Limit, Operator, TimeQuery, cursor, query_time
+from tidemap.api.dependencies import (
+    After,
+    Audited,
+    Ctx,
+    FilteringOperator,
+    Id,
+    Limit,
+    Operator,
+    TimeQuery,
+    cursor,
+    query_time,
+)
 from tidemap.api.encoding import with_etag
 from tidemap.api.long_questions import answered
 from tidemap.api.views.anomalies import confidence_view, detail_view, event_view, listed_view
@@ -97,6 +108,6 @@ async def confidence(
 
 
 @router.post("/anomalies/{anomaly_id}/acknowledge")
-def acknowledge_event(anomaly_id: Id, ctx: Ctx, principal: Operator, form: AcknowledgeForm | None = None) -> Event:
+def acknowledge_event(anomaly_id: Id, ctx: Audited, principal: Operator, form: AcknowledgeForm | None = None) -> Event:
     """An operator has seen this event."""
     return event_view(acknowledge(ctx, anomaly_id, principal.name, form.note if form else None))

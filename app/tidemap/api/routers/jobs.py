@@ -5,7 +5,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Request, Response
 
 from tidemap.api.bodies import FormRoute
-from tidemap.api.dependencies import After, Ctx, FilteringOperator, Id, Limit, Operator, cursor
+from tidemap.api.dependencies import After, Audited, Ctx, FilteringOperator, Id, Limit, Operator, cursor
 from tidemap.api.views.jobs import job_view
 from tidemap.api.waiting import wait_for_job
 from tidemap.schemas.common import Page
@@ -50,6 +50,6 @@ async def get(job_id: Id, ctx: Ctx, _: Operator, request: Request, wait: Wait = 
 
 
 @router.delete("/jobs/{job_id}")
-def cancel(job_id: Id, ctx: Ctx, _: Operator) -> Job:
+def cancel(job_id: Id, ctx: Audited, _: Operator) -> Job:
     """Cancel a queued job."""
     return job_view(jobs.cancel_job(ctx, job_id))

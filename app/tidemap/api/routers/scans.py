@@ -4,24 +4,30 @@ import asyncio
 from functools import partial
 from typing import Annotated, Any
 
+from anyio import from_thread
 from fastapi import APIRouter, Query, Request, Response
+from starlette.concurrency import run_in_threadpool
 
 from tidemap.api.auth import confirming
 from tidemap.api.bodies import FormRoute, read_body
-from tidemap.api.dependencies import After, Ctx, Id, Limit, Operator, Robot, cursor
+from tidemap.api.dependencies import After, Audited, Ctx, Id, Limit, Operator, Robot, cursor
+from tidemap.api.long_questions import Check, answered
 from tidemap.api.routers.observations import IdempotencyKey, Source, name_of
 from tidemap.api.scan_body import read_scan
 from tidemap.api.state import state_of
 from tidemap.api.views.scans import scan_accepted_view, scan_view
 from tidemap.formats.npy import write_grid
-from tidemap.formats.scan_body import ScanBody
+from tidemap.formats.scan_body import COST, ScanBody
 from tidemap.media_types import ARROW, JSON, MULTIPART, NPY, PCD, PLY
 from tidemap.schemas.common import Page
 from tidemap.schemas.scans import ScanAccepted, ScanItem, Verdict
 from tidemap.services.posts import Post
-from tidemap.services.scans import ScanQuery, delete_scan, list_scans, points_of, replay_scan, submit_scan
+from tidemap.services.scans import ScanQuery, delete_scan, kept_bytes, list_scans, points_of, replay_scan, submit_scan
 
 router = APIRouter(prefix="/locations/{name}/scans", tags=["scans"], route_class=FormRoute)
+
+POINTS_COST = 3
+"""Points that are asked for are in memory packed, unpacked and as a file."""
 
 _BODY: dict[str, Any] = {
     "requestBody": {
@@ -81,6 +87,7 @@ async def post(
         limit = state.ctx.settings.body_limit(content_type.partition(";")[0].strip().lower())
         body = ScanBody(await read_body(request, limit, share), content_type)
         await share.grow(len(body.content) * (body.cost - 1))
+        await share.grow(await run_in_threadpool(body.hidden_bytes) * body.cost)
         sent = Post(body, source or name_of(robot.principal), idempotency_key, robot.claim)
         result = await confirming(request, robot, submit_scan(state.ctx, name, sent, partial(read_scan, body)))
     return Response(scan_accepted_view(result).model_dump_json(), 200 if result.duplicate else 201, media_type=JSON)
@@ -106,18 +113,26 @@ def list_all(
     response_class=Response,
     responses={200: {"content": {NPY: {"schema": {"type": "string", "format": "binary"}}}}},
 )
-def points(name: str, scan_id: Id, ctx: Ctx, _: Operator) -> Response:
+async def points(name: str, scan_id: Id, request: Request, ctx: Ctx, _: Operator) -> Response:
     """The points of a scan in quarantine, (n, 3) float32 in metres in the sensor's frame, as an npy file."""
-    return Response(b"".join(write_grid(points_of(ctx, name, scan_id))), media_type=NPY)
+    with state_of(request).budget.share() as share:
+
+        def file(_: Check) -> bytes:
+            from_thread.run(share.grow, POINTS_COST * kept_bytes(ctx, name, scan_id))
+            return b"".join(write_grid(points_of(ctx, name, scan_id)))
+
+        return Response(await answered(request, file), media_type=NPY)
 
 
 @router.post("/{scan_id}/replay")
-async def replay(name: str, scan_id: Id, ctx: Ctx, _: Operator) -> ScanAccepted:
+async def replay(name: str, scan_id: Id, request: Request, ctx: Audited, _: Operator) -> ScanAccepted:
     """Register a scan in quarantine again, by the model of now; where that succeeds, what it saw is stored."""
-    return scan_accepted_view(await asyncio.wrap_future(ctx.parsing.submit(replay_scan, ctx, name, scan_id)))
+    with state_of(request).budget.share() as share:
+        await share.grow(COST * await run_in_threadpool(kept_bytes, ctx, name, scan_id))
+        return scan_accepted_view(await asyncio.wrap_future(ctx.parsing.submit(replay_scan, ctx, name, scan_id)))
 
 
 @router.delete("/{scan_id}", status_code=204)
-def delete(name: str, scan_id: Id, ctx: Ctx, _: Operator) -> None:
+def delete(name: str, scan_id: Id, ctx: Audited, _: Operator) -> None:
     """Drop a scan from the list, with its points; what it saw stays in the map."""
     delete_scan(ctx, name, scan_id)

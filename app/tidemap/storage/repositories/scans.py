@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
-from sqlalchemy import Connection, RowMapping, delete, insert, select, update
+from sqlalchemy import Connection, RowMapping, Select, delete, insert, select, update
 
 from tidemap.storage.blobs import pack_json, unpack_json
 from tidemap.storage.counters import take
@@ -12,7 +12,9 @@ from tidemap.storage.records import ScanRecord
 from tidemap.storage.tables import scan
 
 MAX_QUARANTINE_BYTES = 64 << 20
-"""Points in quarantine of one location; what was put there first gives way."""
+"""Bytes in quarantine of one location, as `ScanRecord.n_bytes` counts them; what was put there first gives way."""
+MAX_QUARANTINED = 1000
+"""Scans in quarantine of one location; the same."""
 QUARANTINED = "quarantined"
 _LISTED = [column for column in scan.c if column is not scan.c.payload]
 
@@ -43,10 +45,11 @@ class ScanRepository:
 
     def _make_room(self, location_id: int) -> None:
         mine = (scan.c.location_id == location_id) & (scan.c.verdict == QUARANTINED)
+        newest = select(scan.c.id, scan.c.n_bytes).where(mine).order_by(scan.c.id.desc()).limit(MAX_QUARANTINED + 1)
         held = 0
-        for row in self._connection.execute(select(scan.c.id, scan.c.n_bytes).where(mine).order_by(scan.c.id.desc())):
+        for number, row in enumerate(self._connection.execute(newest).all()):
             held += row.n_bytes
-            if held > MAX_QUARANTINE_BYTES:
+            if held > MAX_QUARANTINE_BYTES or number == MAX_QUARANTINED:
                 self._connection.execute(delete(scan).where(mine & (scan.c.id <= row.id)))
                 return
 
@@ -63,8 +66,15 @@ class ScanRepository:
 
     def find(self, location_id: int, scan_id: int) -> ScanRecord | None:
         """A scan with its points, None where there is none."""
-        query = select(scan).where(scan.c.location_id == location_id, scan.c.id == scan_id)
-        row = self._connection.execute(query).mappings().first()
+        return self._one(select(scan), location_id, scan_id)
+
+    def listed(self, location_id: int, scan_id: int) -> ScanRecord | None:
+        """A scan without its points, None where there is none."""
+        return self._one(select(*_LISTED), location_id, scan_id)
+
+    def _one(self, query: Select[Any], location_id: int, scan_id: int) -> ScanRecord | None:
+        mine = query.where(scan.c.location_id == location_id, scan.c.id == scan_id)
+        row = self._connection.execute(mine).mappings().first()
         return None if row is None else _record(row)
 
     def settle(self, record: ScanRecord) -> bool:
