@@ -114,6 +114,74 @@ def test_a_reading_that_comes_late_ends_what_was_held(house: Api) -> None:
     assert bounds(house, name) == detected(house, name) == [(23, 23.5)]
 
 
+def test_a_late_reading_of_the_sample_in_which_an_event_began_ends_it_there(house: Api) -> None:
+    """The first sample was published, and stays."""
+    name = door(house)
+    house.observe(name, [FRIDAY + 23 * HOUR + 5], [1])
+    look(house, FRIDAY + 30 * HOUR)
+    assert bounds(house, name) == [(23, 30)]
+    house.observe(name, [FRIDAY + 23 * HOUR + 40], [0])
+    look(house, FRIDAY + 31 * HOUR)
+    assert np.allclose(bounds(house, name), [(23, 23 + 1 / 60)])
+    assert detected(house, name) == []
+
+
+def test_a_late_reading_ends_an_event_that_began_after_it(house: Api, heard: list[EventMessage]) -> None:
+    """What was held alone made it."""
+    name = door(house)
+    house.observe(name, [FRIDAY + 8 * HOUR], [1])
+    look(house, FRIDAY + 30 * HOUR)
+    ((start, stop),) = bounds(house, name)
+    assert (start > 19.9, stop) == (True, 30)
+    house.observe(name, [FRIDAY + 19 * HOUR], [0])
+    look(house, FRIDAY + 31 * HOUR)
+    assert np.allclose(bounds(house, name), [(start, start + 1 / 60)])
+    assert detected(house, name) == []
+    assert len(heard) == 2
+    assert heard[-1].data["update"]
+    assert np.isclose(parse_time(heard[-1].wire()["stop"]), FRIDAY + start * HOUR + MINUTE)
+
+
+def test_late_readings_before_an_event_and_in_it_end_it_at_the_second(house: Api) -> None:
+    name = door(house)
+    house.observe(name, [FRIDAY + 23 * HOUR], [1])
+    look(house, FRIDAY + 30 * HOUR)
+    house.observe(name, [FRIDAY + 22 * HOUR, FRIDAY + 23.5 * HOUR], [0, 0])
+    look(house, FRIDAY + 31 * HOUR)
+    assert bounds(house, name) == detected(house, name) == [(23, 23.5)]
+
+
+def test_a_late_reading_before_an_event_that_was_read_leaves_it(house: Api, heard: list[EventMessage]) -> None:
+    name = door(house)
+    house.observe(name, [FRIDAY + 23 * HOUR], [1])
+    look(house, FRIDAY + 30 * HOUR)
+    count = len(heard)
+    house.observe(name, [FRIDAY + 22 * HOUR], [0])
+    look(house, FRIDAY + 30 * HOUR + 30)
+    assert bounds(house, name) == [(23, 30)]
+    assert len(heard) == count
+
+
+def test_what_is_left_is_judged_at_once_where_nothing_is_held(house: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing was read for days; and a look that is to end does, whatever there is to judge."""
+    name = door(house)
+    monkeypatch.setattr("tidemap.services.standing.MAX_SAMPLES", 100)
+    done(house.patch(f"/locations/{name}", {"hold_s": HOUR}))
+    house.observe(name, [FRIDAY + 20 * HOUR], [0])
+    house.clock.now = FRIDAY + 90 * HOUR
+    (location,) = standing_locations(house.ctx)
+    assert judge_standing(house.ctx, location)
+    assert not judge_standing(house.ctx, location)
+    (location,) = standing_locations(house.ctx)
+    assert location.judged_to == house.clock.now
+
+    def leave() -> None:
+        raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        judge_standing(house.ctx, location, leave)
+
+
 def test_a_state_stands_no_longer_than_hold_s(house: Api) -> None:
     name = door(house)
     done(house.patch(f"/locations/{name}", {"hold_s": HOUR}))

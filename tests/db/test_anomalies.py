@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sqlalchemy import text
 
 from tests.support.rows import VALUES
-from tests.support.waiting import WAIT_S
+from tests.support.waiting import WAIT_S, until
 from tidemap.errors import AnomalyNotFoundError
 from tidemap.storage.records import AnomalyRecord, LocationRecord
 from tidemap.storage.repositories.anomalies import AnomalyFilter
@@ -108,6 +109,38 @@ def test_an_id_follows_the_commit_not_the_start_of_a_write(
     assert not other.done()
     go_on.set()
     assert (first.result(WAIT_S), other.result(WAIT_S)) == (1, 2)
+
+
+def test_an_acknowledgement_of_what_is_absorbed_meanwhile_is_of_the_older_event(
+    store: Store, second: Store, location: LocationRecord
+) -> None:
+    """Another process waits for the one that makes two events one."""
+    store.write(lambda work: work.anomalies.append([event_of(location)] * 3))
+    absorbed, go_on = Event(), Event()
+
+    def absorb(work: Work) -> None:
+        work.anomalies.absorb(location.id, [3], 2)
+        work.anomalies.absorb(location.id, [2], 1)
+        absorbed.set()
+        go_on.wait(WAIT_S)
+
+    first = store.submit(absorb)
+    assert absorbed.wait(WAIT_S)
+    other = second.submit(lambda work: work.anomalies.acknowledge(3, "ann", 9.0, "known"))
+    until(lambda: waits(store))
+    go_on.set()
+    first.result(WAIT_S)
+    assert (other.result(WAIT_S).id, other.result(WAIT_S).acknowledged_by) == (1, "ann")
+    assert ids(store, acknowledged=True) == [1]
+
+
+def waits(store: Store) -> bool:
+    """Whether a transaction waits for another's rows; on SQLite it has not begun, and waits in any case."""
+    with store.read() as work:
+        if work.anomalies._connection.dialect.name == "sqlite":
+            return True
+        waiting = text("SELECT count(*) FROM pg_locks WHERE NOT granted AND locktype = 'transactionid'")
+        return bool(work.anomalies._connection.execute(waiting).scalar())
 
 
 @pytest.mark.parametrize("first_of_all", [True, False])

@@ -3,14 +3,16 @@
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
+import pytest
 from sqlalchemy import select, update
 
 from tests.support.contexts import history_of, make_location, opened, post_rows
 from tests.support.rows import VALUES
 from tests.support.truth import Row, measurements_of
+from tidemap.history.measurements import Measurements
 from tidemap.services.context import Context
 from tidemap.services.locations import delete_location, find_location
-from tidemap.storage.blobs import pack_measurements
+from tidemap.storage.blobs import pack_measurements, unpack_measurements
 from tidemap.storage.records import LocationRecord, ObservationRecord
 from tidemap.storage.store import Store
 from tidemap.storage.tables import observation
@@ -135,6 +137,30 @@ def test_a_damaged_observation_is_named(ctx: Context) -> None:
         damage = work.observations.tail(work.locations.get("lab")).damage
     assert [str(error)[:51] for error in damage.values()] == ["The stored observation 2 of location 'lab' is corru"]
     assert history_of(ctx, "lab", 0, 0, 2).series(1, 0, 2).tolist() == [1, 2]
+
+
+def test_observations_of_a_span_are_unpacked_one_after_the_other(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    """However many there are; one that is damaged is left out."""
+    make_location(ctx, "lab", (50, 50))
+    for n in range(6):
+        post_rows(ctx, "lab", [(60.0 * n, n, 1)])
+    row = observation.c.id == 4
+    ctx.store.write(
+        lambda work: work.jobs._connection.execute(update(observation).where(row).values(payload=b"\1short"))
+    )
+    unpacked = []
+
+    def unpack(payload: bytes, what: str) -> Measurements:
+        unpacked.append(what)
+        return unpack_measurements(payload, what)
+
+    monkeypatch.setattr("tidemap.storage.repositories.observations.unpack_measurements", unpack)
+    with ctx.store.read() as work:
+        found = iter(work.observations.pending_between(work.locations.get("lab"), 60.0, 300.0))
+        cells = [int(next(found).cell[0])]
+        assert len(unpacked) == 1
+        cells += [int(each.cell[0]) for each in found]
+    assert sorted(cells) == [1, 2, 4]
 
 
 def test_one_key_through_two_processes_stores_once(ctx: Context, database_url: str) -> None:

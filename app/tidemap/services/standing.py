@@ -4,18 +4,25 @@ A post is judged when it comes in. What its last reading left standing is judged
 """
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from tidemap.errors import InvalidInputError
+import numpy as np
+from numpy.typing import NDArray
+
+from tidemap.errors import CorruptChunkError, InvalidInputError
+from tidemap.history.chunks import CHUNK_CELLS
+from tidemap.history.history import FREE, OCCUPIED, History
 from tidemap.services.anomalies import anomaly_of
 from tidemap.services.context import Context
-from tidemap.services.detect import search
+from tidemap.services.detect import BLOCK_VALUES, search
 from tidemap.services.grouping import Criterion
+from tidemap.services.history import read_history, window
 from tidemap.services.incidents import EventChange, store_events
 from tidemap.services.messages import publish_events
 from tidemap.services.spectra import Fitted, fitted
-from tidemap.storage.records import AnomalyRecord, LocationRecord
+from tidemap.storage.records import SEEN_FREE, SEEN_OCCUPIED, AnomalyRecord, LocationRecord
+from tidemap.storage.repositories.anomalies import AnomalyFilter
 from tidemap.storage.work import Work
 
 log = logging.getLogger(__name__)
@@ -33,9 +40,11 @@ def standing_locations(ctx: Context) -> list[LocationRecord]:
 def judge_standing(ctx: Context, location: LocationRecord, check: Callable[[], None] = lambda: None) -> bool:
     """Judge the samples that have ended since a location was last judged; whether there are more to judge.
 
-    What is surprising extends the events it continues; where a reading came late, they end with it.
+    What is surprising extends the events it continues; where a reading came late, they end with it. `check` is called
+    first and between blocks; what it raises ends it.
     Raises LocationNotFoundError, NoModelError, CorruptChunkError.
     """
+    check()
     model = fitted(ctx, location.name)
     span = _span(ctx, model)
     if span.stop <= span.start:
@@ -46,7 +55,8 @@ def judge_standing(ctx: Context, location: LocationRecord, check: Callable[[], N
     except InvalidInputError as error:
         log.warning("location %s: what it holds was not judged: %s", location.name, error)
         events = []
-    ctx.store.write(lambda work: _store(work, span, events), lambda changes: publish_events(ctx, changes))
+    stops = _refuted(ctx, span, check)
+    ctx.store.write(lambda work: _store(work, span, events, stops), lambda changes: publish_events(ctx, changes))
     return span.more
 
 
@@ -61,15 +71,68 @@ class _Span:
 
 
 def _span(ctx: Context, model: Fitted) -> _Span:
-    """What is to be judged next: since the last time, or since what the model was fitted to."""
+    """What is to be judged next: since the last time, or since what the model was fitted to.
+
+    All that is left where nothing is held any more.
+    """
     location = model.location
     judged, now = location.judged_to, int(location.base.sample(ctx.clock()))
     start = model.revision.stop if judged is None else int(location.base.sample(judged))
-    stop = min(now, start + MAX_SAMPLES)
+    stop = now if start >= window(ctx, location)[1] else min(now, start + MAX_SAMPLES)
     return _Span(location, start, stop, stop < now)
 
 
-def _store(work: Work, span: _Span, events: list[AnomalyRecord]) -> list[EventChange]:
+def _refuted(ctx: Context, span: _Span, check: Callable[[], None]) -> dict[int, float]:
+    """When the events that began in a span stop, by their ids, of those that a reading that came late contradicts.
+
+    The first sample of each was published, and stays.
+    """
+    base, stops = span.location.base, {}
+    bounds = float(base.time(span.start)), float(base.time(span.stop))
+    with ctx.store.read() as work:
+        events = work.anomalies.list(AnomalyFilter(span.location.id, start=bounds[0], stop=bounds[1]))
+    for event in events:
+        check()
+        first, stop = int(base.sample(event.start)), int(base.sample(min(event.stop, bounds[1])))
+        stop = min(stop, first + MAX_SAMPLES)
+        if first >= span.start and (end := _end(ctx, span.location, event, (first, stop))) < stop:
+            stops[event.id] = float(base.time(end))
+    return stops
+
+
+def _end(ctx: Context, location: LocationRecord, event: AnomalyRecord, samples: tuple[int, int]) -> int:
+    """The end of the part of samples [first, stop), at least one, after which no cell is as the event saw it.
+
+    Where a chunk cannot be read nothing is contradicted.
+    """
+    first, stop = samples
+    end = first + 1
+    for chunk in np.unique(event.cells // CHUNK_CELLS).tolist() if end < stop else ():
+        mine = event.cells // CHUNK_CELLS == chunk
+        try:
+            history = read_history(ctx, location, chunk, end, stop).cells(event.cells[mine] % CHUNK_CELLS)
+        except CorruptChunkError:
+            return stop
+        end = max(end, _shown_until(history, event.bits[mine, None]))
+        if end == stop:
+            return stop
+    return end if len(event.cells) else stop
+
+
+def _shown_until(history: History, bits: NDArray[np.uint8]) -> int:
+    """The end of the last sample in which a cell may have been as it was seen, `bits` (n_cells, 1); latest first."""
+    step = max(1, BLOCK_VALUES // history.n_cells)
+    for high in range(history.stop, history.start, -step):
+        low = max(history.start, high - step)
+        states = history.window(low, high).states()
+        wrong = np.where(states == OCCUPIED, ~bits & SEEN_OCCUPIED, (states == FREE) & ~bits & SEEN_FREE)
+        shown = np.flatnonzero((wrong == 0).any(axis=0))
+        if shown.size:
+            return low + int(shown[-1]) + 1
+    return history.start
+
+
+def _store(work: Work, span: _Span, events: list[AnomalyRecord], stops: Mapping[int, float]) -> list[EventChange]:
     """Store what was found, unless what was judged is out of date: then the next time finds it."""
     location, base = span.location, span.location.base
     start, stop = float(base.time(span.start)), float(base.time(span.stop))
@@ -79,15 +142,23 @@ def _store(work: Work, span: _Span, events: list[AnomalyRecord]) -> list[EventCh
     if work.observations.any_since(location, stop):
         return []
     work.locations.judged(location.id, stop)
-    before = _cut(work, location, start)
-    changes = {change.event.id: change for change in store_events(work, location, events)}
-    ended = [EventChange(anomaly_of(location, event), "updated") for event in before if event.id not in changes]
-    return [*ended, *changes.values()]
+    ended = _cut(work, location, (start, stop), stops)
+    changes = store_events(work, location, events)
+    known = {id_ for change in changes for id_ in (change.event.id, *change.joined)}
+    return [
+        *(EventChange(anomaly_of(location, event), "updated") for event in ended if event.id not in known),
+        *changes,
+    ]
 
 
-def _cut(work: Work, location: LocationRecord, time: float) -> list[AnomalyRecord]:
-    """End the events that go on at a time there, as what follows is judged anew."""
-    crossing = [event for event in work.anomalies.near(location.id, time, time) if event.start < time < event.stop]
-    ended = [replace(event, stop=time) for event in crossing if event.damage is None]
+def _cut(
+    work: Work, location: LocationRecord, span: tuple[float, float], stops: Mapping[int, float]
+) -> list[AnomalyRecord]:
+    """End the events that go on at the start of a span there, as what follows is judged anew, and others at `stops`."""
+    start, ended = span[0], []
+    for event in work.anomalies.near(location.id, *span):
+        stop = start if event.start < start < event.stop else stops.get(event.id, event.stop)
+        if event.damage is None and stop < event.stop:
+            ended.append(replace(event, stop=stop))
     work.anomalies.change(ended)
     return ended

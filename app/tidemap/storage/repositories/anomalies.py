@@ -88,9 +88,16 @@ class AnomalyRepository:
     def acknowledge(self, anomaly_id: int, by: str, at: float, note: str | None) -> AnomalyRecord:
         """Raises AnomalyNotFoundError. Acknowledging again replaces who, when and the note."""
         values = {"acknowledged": True, "acknowledged_by": by, "acknowledged_at": at, "note": note}
-        known = self.get(anomaly_id).id
+        known = self._locked(anomaly_id)
         self._connection.execute(update(anomaly).where(anomaly.c.id == known).values(**values))
         return self.get(known)
+
+    def _locked(self, anomaly_id: int) -> int:
+        """The id of the event, or of the older one that it is a part of, which nobody else changes meanwhile."""
+        row = self._connection.execute(_LOCKED, {"id": anomaly_id}).first()
+        if row is None:
+            raise AnomalyNotFoundError(anomaly_id)
+        return anomaly_id if row.part_of is None else self._locked(row.part_of)
 
 
 def _query(wanted: AnomalyFilter) -> Select[Any]:
@@ -136,6 +143,7 @@ def _record(row: RowMapping) -> AnomalyRecord:
 
 
 _BY_ID = select(anomaly).where(anomaly.c.id == bindparam("id"))
+_LOCKED = select(anomaly.c.part_of).where(anomaly.c.id == bindparam("id")).with_for_update()
 _NEAR = (
     select(anomaly)
     .where(anomaly.c.location_id == bindparam("location"), anomaly.c.part_of.is_(None))

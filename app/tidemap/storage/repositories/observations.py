@@ -1,6 +1,6 @@
 """The repository of the observation log."""
 
-from collections.abc import Callable, Collection, Generator, Sequence
+from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from itertools import takewhile
@@ -138,19 +138,21 @@ class ObservationRepository:
         )
         return [(row.first_time, row.last_time) for row in self._connection.execute(query)]
 
-    def pending_between(self, location: LocationRecord, start: float, stop: float) -> list[Measurements]:
-        """The observations that are not compacted yet and have measurements in [start, stop), whole; readable ones."""
+    def pending_between(self, location: LocationRecord, start: float, stop: float) -> Iterator[Measurements]:
+        """The observations that are not compacted yet and have measurements in [start, stop), whole; readable ones.
+
+        One after the other, so that few are in memory: to be read to the end before the next statement.
+        """
         query = (
             select(observation.c.id, observation.c.payload)
             .where(observation.c.location_id == location.id, observation.c.payload.is_not(None))
             .where(observation.c.id > location.compacted_seq)
             .where(observation.c.first_time < stop, observation.c.last_time >= start)
         )
-        found = []
-        for row in self._connection.execute(query).all():
-            with suppress(CorruptChunkError):
-                found.append(unpack_measurements(row.payload, f"observation {row.id} of location {location.name!r}"))
-        return found
+        with self._connection.execute(query, execution_options={"yield_per": 64}) as rows:
+            for row in rows:
+                with suppress(CorruptChunkError):
+                    yield unpack_measurements(row.payload, f"observation {row.id} of location {location.name!r}")
 
     def any_since(self, location: LocationRecord, before: float) -> bool:
         """Whether something was posted since a location was read that has measurements before a time."""
