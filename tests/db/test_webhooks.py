@@ -297,3 +297,17 @@ def test_more_than_may_wait_waits_in_its_own_table(ctx: Context, monkeypatch: py
         with sending(ctx):
             until(lambda: len(receiver.accepted) == len(posted))
     assert ids(receiver.accepted) == posted
+
+
+def test_an_event_that_became_part_of_another_is_not_sent(ctx: Context) -> None:
+    name = room(ctx)
+    with receiving() as receiver:
+        webhook = subscribe(ctx, receiver)
+        first, _ = alarm(ctx, name, 0), alarm(ctx, name, 1)
+        delivery.add_due(ctx, webhook)
+        between = [1000.0 + number for number in range(1, 100)]
+        (event,) = post_states(ctx, name, between, [1] * len(between)).anomalies
+        assert event.id == first
+        with sending(ctx):
+            until(lambda: len(deliveries(ctx, webhook, "delivered")) == 1 and not deliveries(ctx, webhook, "waiting"))
+        assert ids(receiver.came) == {first}

@@ -16,7 +16,7 @@ from tidemap.history.columns import Content
 
 Points: TypeAlias = NDArray[np.float32]
 
-MAX_POINTS = 5_000_000
+MAX_POINTS = 2_000_000
 """Points of a file; a sweep of a lidar has some 100,000."""
 MAX_HEAD_BYTES = 65_536
 """Bytes of the longest header that is read."""

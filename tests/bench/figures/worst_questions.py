@@ -22,6 +22,7 @@ from tests.bench.timing import Figure
 from tests.bench.waits import waiting
 from tests.support.contexts import Clock, make_location, opened, post_states, refit
 from tests.support.memory import memory_mb, peak_memory_mb
+from tests.support.scans import files
 from tests.support.server import ServerProcess
 from tidemap.formats.arrow import write
 from tidemap.media_types import ARROW, JSON
@@ -95,6 +96,8 @@ def questions() -> Iterator[tuple[str, Question]]:
         "evaluate by horizon",
         ("POST", f"{door}/evaluate", {"json": {**whole, "horizons_s": horizons, "start": half}}),
     )
+    yield "export, OctoMap", ("GET", f"{hall}/export?format=octomap&time={START}", {})
+    yield "export, Arrow", ("GET", f"{hall}/export?format=arrow&time={START}", {})
     yield "anomalies", ("GET", "/anomalies?limit=1000", {})
     yield from posts()
     yield "locations, 16·10^6 cells", ("POST", "/locations", {"json": LARGEST})
@@ -120,6 +123,9 @@ def posts() -> Iterator[tuple[str, Question]]:
     }
     arrow = {"content": bytes(write({}, many)), "headers": {"content-type": ARROW}}
     yield "post, Arrow, 8·10^6 rows", ("POST", hall, arrow)
+    points = np.random.default_rng(0).uniform(-5, 5, (2_000_000, 3)).astype(np.float32)
+    header = {"time": START, "map_from_sensor": [10, 10, 1, 0, 0, 0, 1], "max_range": 8}
+    yield "scan, 2·10^6 points", ("POST", f"/locations/{SPARE_HALL}/scans", {"files": files(header, points)})
 
 
 def ask(server: ServerProcess, question: Question) -> dict[str, float]:
