@@ -162,6 +162,22 @@ def test_a_late_reading_before_an_event_that_was_read_leaves_it(house: Api, hear
     assert len(heard) == count
 
 
+def test_an_event_lasts_while_one_of_its_cells_is_as_it_was_seen(house: Api) -> None:
+    """Two cells were occupied that never are, side by side; a late look has one of them free, a later one both."""
+    name = house.lab(interval_s=MINUTE, estimator="static", missing="hold", hold_s=4 * DAY)
+    house.look(name, *[(FRIDAY + n * HOUR, [], [0, 1]) for n in range(22)])
+    house.update(name)
+    house.look(name, (FRIDAY + 23 * HOUR, [0, 1], []))
+    look(house, FRIDAY + 30 * HOUR)
+    assert bounds(house, name) == [(23, 30)]
+    house.look(name, (FRIDAY + 22 * HOUR, [], [0, 1]), (FRIDAY + 24 * HOUR, [], [0]))
+    look(house, FRIDAY + 30 * HOUR + 30)
+    assert bounds(house, name) == [(23, 30)]
+    house.look(name, (FRIDAY + 22 * HOUR, [], [0, 1]), (FRIDAY + 25 * HOUR, [], [0, 1]))
+    look(house, FRIDAY + 31 * HOUR)
+    assert bounds(house, name) == detected(house, name) == [(23, 25)]
+
+
 def test_what_is_left_is_judged_at_once_where_nothing_is_held(house: Api, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing was read for days; and a look that is to end does, whatever there is to judge."""
     name = door(house)
