@@ -56,12 +56,13 @@ ALL_ALLOWED = {(f"{BASE}/locations/{{name}}", "GET"), (f"{BASE}/locations/{{name
 """These take a name only, and every text may be one."""
 NEVER_IN_TIME = {
     (f"{BASE}/jobs/{{job_id}}", "DELETE"),
+    (f"{BASE}/locations/{{name}}/evaluate", "POST"),
     (f"{BASE}/locations/{{name}}/scans", "POST"),
     (f"{BASE}/webhooks", "POST"),
     (f"{BASE}/webhooks/{{webhook_id}}/deliveries/{{delivery_id}}/retry", "POST"),
 }
 """Jobs that have ended cannot be cancelled; no scan is found by chance, for a pose has a norm, nor a URL that can be
-sent to."""
+sent to; an evaluation is found seldom, for it needs a candidate and a time in which something was seen."""
 
 
 class Guest:
