@@ -95,6 +95,12 @@ class Asked:
         """The question's, or the location's."""
         return self.model.location.confidence if self.query.confidence is None else self.query.confidence
 
+    @property
+    def conditioned(self) -> bool:
+        """Whether some reading may say something: none does before the first one, or as of an earlier moment."""
+        first = self.model.location.first_time
+        return self.query.given == "observations" and first is not None and min(self.query.time, self.as_of) >= first
+
     def readings_version(self) -> tuple[object, ...] | None:
         """What changes whenever other readings are used, or used otherwise; None where none are.
 
@@ -171,10 +177,10 @@ def _known_at(ctx: Context, asked: Asked, cells: NDArray[np.int64]) -> Known | N
 
 
 def buffer_of(ctx: Context, asked: Asked) -> BufferLease[StateBuffer] | None:
-    """The answer as it is sent in Arrow; None where it is not about a whole map."""
+    """The answer as it is sent in Arrow; None where it is not about a whole map, or may be conditioned."""
     spectrum, confidence = asked.model.spectrum, asked.confidence
     query = asked.query
-    if query.bbox is not None or query.observed or query.last_seen or query.given == "observations":
+    if query.bbox is not None or query.observed or query.last_seen or asked.conditioned:
         return None
     key = (asked.model.location.id, asked.model.revision.recipe, confidence)
     lease = ctx.caches.buffers.lease(key, ref(asked.model.loaded), lambda: StateBuffer.of(spectrum, confidence))
@@ -185,7 +191,7 @@ def buffer_of(ctx: Context, asked: Asked) -> BufferLease[StateBuffer] | None:
 def grid_of(ctx: Context, asked: Asked) -> NDArray[np.float32]:
     """The probability of all cells, in the location's shape; NaN where never observed or outside of the box."""
     shape, spectrum = asked.model.location.cells.shape, asked.model.spectrum
-    if asked.query.bbox is None and asked.query.given == "model":
+    if asked.query.bbox is None and not asked.conditioned:
         return predict(spectrum, asked.query.time, threads=ctx.settings.update_threads).reshape(shape)
     grid = np.full(spectrum.n_cells, np.nan, np.float32)
     cell, probability = _asked_for(ctx, asked)

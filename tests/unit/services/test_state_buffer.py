@@ -157,3 +157,14 @@ def test_concurrent_questions_never_share_a_buffer(database_url: str, kept_bytes
 
         with ThreadPoolExecutor(8) as pool:
             list(pool.map(check, range(400)))
+
+
+def test_before_the_first_reading_nothing_is_conditioned(ctx: Context) -> None:
+    rhythmic_lab(ctx)
+    for query in (
+        StateQuery(-60.0 * 1003, given="observations"),
+        StateQuery(60.0 * 1003, as_of=-1.0, given="observations"),
+    ):
+        assert as_sent(ctx, query) == made_anew(state_at(ctx, "lab", query))
+    for query in (StateQuery(60.0 * 1003, given="observations"), StateQuery(0.0, given="observations")):
+        assert buffer_of(ctx, ask(ctx, "lab", query)) is None
