@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.support.contexts import NOW, make_location, post_states, refit
+from tests.support.contexts import NOW, make_location, post_rows, post_states, refit
 from tidemap.services.context import Context
 from tidemap.services.detect import DetectQuery, detect
 from tidemap.services.predict import PredictQuery, predict_at
@@ -39,3 +39,11 @@ def test_predict_state_series_detect_and_the_judge_say_the_same(
     assert short
     p = predict_at(ctx, "door", PredictQuery([event.start for event in short])).probability[0]
     np.testing.assert_allclose([event.probability for event in short], p, atol=1e-6)
+
+
+def test_a_post_with_nothing_to_judge_is_stored(ctx: Context) -> None:
+    make_location(ctx, "lab", (4, 4), combine="any", estimator="static")
+    post_rows(ctx, "lab", [(NOW - 60.0 * n, cell, n % 2) for n in range(1, 20) for cell in range(16)])
+    refit(ctx, "lab")
+    done = post_rows(ctx, "lab", [(NOW - 7200.0, 3, 0)])
+    assert (done.accepted, done.anomalies) == (1, [])

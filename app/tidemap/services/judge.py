@@ -53,6 +53,8 @@ def _surprising(
     location: LocationRecord, spectrum: Spectrum, sample: NDArray[np.int64], standing: Measurements
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
     """The rows that are surprising, of measurements by sample and cell, and their probabilities."""
+    if not len(sample):
+        return np.zeros(0, np.int64), np.zeros(0, np.float32)
     if location.n_cells == 1:
         p = predict_times(spectrum, location.base.time(sample), [0])[0]
         rows = np.flatnonzero(is_anomalous(p, standing.state, location.confidence))
