@@ -15,10 +15,10 @@ from tests.unit.spectral import real
 from tidemap.history.history import History
 from tidemap.history.timebase import TimeBase
 from tidemap.spectral.auto.selection import choose
+from tidemap.spectral.civil import DAY_S
 from tidemap.spectral.evaluation import BINS, Reliability, ScoreSums, expected_calibration_error
 from tidemap.spectral.horizons import WalkPlan, walk
 from tidemap.spectral.recipe import Recipe
-from tidemap.spectral.window import DAY_S
 
 NEEDS = (*recordings.OFFICE, *recordings.ARUBA, *recordings.BRAINS4BUILDINGS)
 HORIZONS_S = (0.0, 300.0, 900.0, 3600.0, 4 * 3600.0, DAY_S, 7 * DAY_S)

@@ -12,10 +12,10 @@ from tidemap.services.context import Context
 from tidemap.services.history import read_history, window
 from tidemap.services.sampling import sample_cells
 from tidemap.services.selection import selected, settled
+from tidemap.spectral.civil import DAY_S
 from tidemap.spectral.evaluation import Reliability, Scores, ScoreSums, expected_calibration_error
 from tidemap.spectral.horizons import HorizonSums, WalkPlan, walk
 from tidemap.spectral.recipe import Recipe
-from tidemap.spectral.window import DAY_S
 from tidemap.storage.records import LocationRecord
 
 MAX_HORIZON_S = 366 * DAY_S

@@ -15,9 +15,9 @@ from tidemap.services.series import times_between
 from tidemap.services.spectra import Fitted, fitted
 from tidemap.services.state import cells_in
 from tidemap.spectral.belief import Detector
+from tidemap.spectral.civil import DAY_S
 from tidemap.spectral.information import ErrorRates, best_times, entropy_nats, information
 from tidemap.spectral.sensor import Sensor
-from tidemap.spectral.window import DAY_S
 
 MAX_VALUES = 50_000_000
 """Cells times times of one question; more are refused."""

@@ -171,7 +171,7 @@ def view_of(ctx: Context, asked: Asked) -> StateView:
 
 def _known_at(ctx: Context, asked: Asked, cells: NDArray[np.int64]) -> Known | None:
     """What was known of some cells as of the moment asked for, where the answer needs it."""
-    if asked.query.given == "model" and not asked.query.last_seen:
+    if not asked.conditioned and not asked.query.last_seen:
         return None
     return known_at(ctx, asked.model, cells, asked.as_of)
 

@@ -16,6 +16,7 @@ STEP_S = 900.0
 """Offsets from UTC change on whole quarters of an hour."""
 DAY_S = 86_400.0
 DAYS_A_WEEK = 7
+WEEK_S = DAYS_A_WEEK * DAY_S
 SUNDAY = 6
 
 

@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from tidemap.history.jit import kernel
+from tidemap.spectral.civil import DAY_S
 from tidemap.spectral.conditioning import UNLEARNED
-from tidemap.spectral.window import DAY_S
 
 RATIO: Final = 1.025
 """Of an age to the one before it in the table."""

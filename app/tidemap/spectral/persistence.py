@@ -10,10 +10,10 @@ from scipy.special import expit, log_softmax, logsumexp, softmax
 
 from tidemap.history.history import UNOBSERVED, History
 from tidemap.history.timebase import TimeBase
+from tidemap.spectral.civil import DAY_S
 from tidemap.spectral.conditioning import Persistence, condition
 from tidemap.spectral.prediction import predict_times
 from tidemap.spectral.spectrum import Spectrum
-from tidemap.spectral.window import DAY_S
 
 MAX_PAIRS: Final = 20_000
 MAX_DELTA_S: Final = 14 * DAY_S

@@ -8,13 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tidemap.history.timebase import TimeBase
-from tidemap.spectral.civil import week_seconds
+from tidemap.spectral.civil import DAY_S, week_seconds
 
 Link = Literal["identity", "logit"]
 
 EVERY_DAY: Final = 0
 WEEKEND: Final = 1
-DAY_S: Final = 86_400.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

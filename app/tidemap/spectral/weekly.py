@@ -15,10 +15,10 @@ from tidemap.history.bits import WORD, Words
 from tidemap.history.jit import kernel
 from tidemap.history.timebase import TimeBase
 from tidemap.spectral import kernels
+from tidemap.spectral.civil import DAY_S, WEEK_S
 from tidemap.spectral.prediction import TABLE_SIZE, tau_phasors
-from tidemap.spectral.spectrum import DAY_S, Spectrum, tau
+from tidemap.spectral.spectrum import Spectrum, tau
 
-WEEK_S: Final = 7 * DAY_S
 OFFSET_S: Final = 900.0
 """Clocks differ from UTC by whole quarters of an hour: see `civil`."""
 NEAR: Final = 1e-6

@@ -7,10 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.history.timebase import TimeBase
+from tidemap.spectral.civil import DAY_S, DAYS_A_WEEK, WEEK_S
 
-DAY_S = 86_400.0
-DAYS_A_WEEK = 7
-PAUSE_S: Final = DAYS_A_WEEK * DAY_S
+PAUSE_S: Final = WEEK_S
 """Shorter pauses are part of a rhythm."""
 
 

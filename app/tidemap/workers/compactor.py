@@ -100,12 +100,7 @@ class Compactor:
         ]
 
     def _work(self, term: LeaderTerm, long: list[LocationRecord]) -> None:
-        ctx = term.limit(self._ctx)
-
-        def check() -> None:
-            self._worker.check()
-            term.check()
-
+        ctx, check = term.limit(self._ctx), self._worker.check_with(term.check)
         self._worker.for_each(long, lambda location: self._compact(ctx, location, check))
         self._prune(ctx, check)
 

@@ -46,12 +46,7 @@ class Watcher:
     def _round(self) -> None:
         if (term := self._election.term) is None:
             return
-        ctx = term.limit(self._ctx)
-
-        def check() -> None:
-            self._worker.check()
-            term.check()
-
+        ctx, check = term.limit(self._ctx), self._worker.check_with(term.check)
         locations = standing_locations(ctx)
         self._due = {each.id: self._due.get(each.id, 0.0) for each in locations}
         due = [each for each in locations if time.monotonic() >= self._due[each.id]]

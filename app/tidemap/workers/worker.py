@@ -35,6 +35,15 @@ class Worker:
         if self._stopping.is_set():
             raise ShuttingDownError
 
+    def check_with(self, other: Callable[[], None]) -> Callable[[], None]:
+        """This check and another, as one."""
+
+        def check() -> None:
+            self.check()
+            other()
+
+        return check
+
     def request_stop(self) -> None:
         """Ends at the next `check`."""
         self._stopping.set()

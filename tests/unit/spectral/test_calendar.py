@@ -14,7 +14,7 @@ from tidemap.history.timebase import TimeBase
 from tidemap.spectral.calendar import folding, logistic, waves
 from tidemap.spectral.calendar.folding import Weeks
 from tidemap.spectral.calendar.logistic import base_logit, fit_rows
-from tidemap.spectral.civil import civil_seconds
+from tidemap.spectral.civil import WEEK_S, civil_seconds
 from tidemap.spectral.estimators import ESTIMATORS, fit, fit_recipe
 from tidemap.spectral.evaluation import score
 from tidemap.spectral.model import reconstruct, refit
@@ -125,7 +125,7 @@ def test_folding_counts_what_was_observed(interval_s: float) -> None:
     weight = np.stack([folding.recency(seen.n_days, 3.0), np.arange(seen.n_days) % 2]).astype(np.float32)
     weeks = folding.fold(history, np.arange(5), seen, weight)
     tau_s = civil_seconds(base.middle(np.arange(history.start, history.stop)), LONDON)
-    slot, day = (tau_s % waves.WEEK_S // 900).astype(int), (tau_s // 86_400).astype(int)
+    slot, day = (tau_s % WEEK_S // 900).astype(int), (tau_s // 86_400).astype(int)
     visit = np.cumsum(np.diff(tau_s // 900, prepend=-1) != 0)
     for cell in range(5):
         known = states[cell] != 2

@@ -13,12 +13,13 @@ from tidemap.spectral.auto import trials
 from tidemap.spectral.auto.blending import FEW_CELLS, MARGINS, Blend, blend, grid, trust
 from tidemap.spectral.auto.trials import MAX_TRIALS, Task
 from tidemap.spectral.calendar import folding
+from tidemap.spectral.civil import DAY_S
 from tidemap.spectral.estimators import fit
 from tidemap.spectral.evaluation import Scores
 from tidemap.spectral.prediction import predict_times
 from tidemap.spectral.recipe import PRIORS, Prior, Recipe
 from tidemap.spectral.spectrum import truncate
-from tidemap.spectral.window import DAY_S, fft_window
+from tidemap.spectral.window import fft_window
 
 MIN_DAYS = 2
 MIN_READINGS = 24

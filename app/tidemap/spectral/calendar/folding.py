@@ -16,8 +16,8 @@ from tidemap.history.bits import LAST, ONE, Plane, Words, aligned_word, ones
 from tidemap.history.history import History
 from tidemap.history.jit import fused_kernel, kernel
 from tidemap.history.timebase import TimeBase
-from tidemap.spectral.calendar.waves import DAY_S, PHASES, SLOT_S, SLOTS, SLOTS_A_DAY, WEEK_S
-from tidemap.spectral.civil import DAYS_A_WEEK, civil_seconds, weekdays
+from tidemap.spectral.calendar.waves import PHASES, SLOT_S, SLOTS, SLOTS_A_DAY
+from tidemap.spectral.civil import DAY_S, DAYS_A_WEEK, WEEK_S, civil_seconds, weekdays
 
 MAX_DAYS = 182
 """Only the latest half year in which something was seen is folded: what bounds the cost of any history."""

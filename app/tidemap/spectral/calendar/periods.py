@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from tidemap.history.history import UNOBSERVED, History
 from tidemap.history.timebase import TimeBase
-from tidemap.spectral.calendar.waves import OVERTONES, SLOT_S, WEEK_S
+from tidemap.spectral.calendar.waves import OVERTONES, SLOT_S
+from tidemap.spectral.civil import WEEK_S
 from tidemap.spectral.prediction import predict_times
 from tidemap.spectral.spacing import spacing
 from tidemap.spectral.spectrum import Spectrum

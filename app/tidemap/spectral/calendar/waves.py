@@ -6,11 +6,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from tidemap.spectral.civil import DAY_S, WEEK_S
 from tidemap.spectral.recipe import Detail, Prior, Week
 from tidemap.spectral.spectrum import EVERY_DAY, WEEKEND
 
-WEEK_S: Final = 604_800.0
-DAY_S: Final = 86_400.0
 SLOT_S: Final = 900.0
 SLOTS_A_DAY: Final = 96
 SLOTS: Final = 672
