@@ -26,7 +26,7 @@ def site(shared_server: ServerProcess) -> Iterator[Site]:
 
 
 def test_everything_that_happens_is_told(site: Site) -> None:
-    room = site.empty_room()
+    room = site.settled_room()
     with site.events(f"?location={room}") as connection:
         posted = site.observe(room, [100, 101], [1, 1])
         job = site.update(room)
@@ -61,7 +61,7 @@ def test_everything_that_happens_is_told(site: Site) -> None:
     ],
 )
 def test_kinds_can_be_chosen(site: Site, query: str, kinds: set[str]) -> None:
-    room = site.empty_room()
+    room = site.settled_room()
     with site.events(query) as connection:
         site.observe(room, [100], [1])
         site.update(room)

@@ -96,5 +96,4 @@ def _first_awaited(url: str, room: str, policy: RetryPolicy) -> int | None:
 
 
 def _listeners(site: Site) -> float:
-    lines = site.http.get(f"{site.server.url}/metrics").text.splitlines()
-    return sum(float(line.split()[-1]) for line in lines if line.startswith("tidemap_listeners{"))
+    return site.metric("tidemap_listeners{")

@@ -25,13 +25,11 @@ def site(shared_server: ServerProcess) -> Iterator[Site]:
 
 def gauge(site: Site, name: str, transport: str = "sse") -> float:
     """A metric of the server."""
-    lines = site.http.get(f"{site.server.url}/metrics").text.splitlines()
-    (line,) = [line for line in lines if line.startswith(f'{name}{{transport="{transport}"}}')]
-    return float(line.split()[-1])
+    return site.metric(f'{name}{{transport="{transport}"}}')
 
 
 def test_both_transports_bring_the_same_messages(site: Site) -> None:
-    room = site.empty_room()
+    room = site.settled_room()
     query = f"?location={room}"
     with event_source(site.server.url, query) as source, site.events(query) as connection:
         assert source.headers["content-type"].startswith(EVENT_STREAM)
@@ -49,7 +47,7 @@ def test_both_transports_bring_the_same_messages(site: Site) -> None:
 
 @pytest.mark.parametrize("query", ["?kind=anomaly,job", "?kind=anomaly&kind=job", "?kind=anomaly%7Cjob"])
 def test_kinds_can_be_chosen(site: Site, query: str) -> None:
-    room = site.empty_room()
+    room = site.settled_room()
     with event_source(site.server.url, query) as source:
         site.observe(room, [100], [1])
         site.update(room)

@@ -12,7 +12,7 @@ from websockets.sync.client import connect as connect_socket
 from websockets.sync.connection import Connection
 
 from tests.support.server import ServerProcess
-from tests.support.waiting import WAIT_S
+from tests.support.waiting import WAIT_S, until
 
 SILENCE_S = 0.3
 """Long enough to say that nothing more comes."""
@@ -47,6 +47,20 @@ class Site:
         self.observe(name, list(range(seen)), [0] * seen)
         assert self.update(name)["state"] == "done"
         return name
+
+    def settled_room(self) -> str:
+        """An empty room, of whose first update this server has published every message."""
+        published = 'tidemap_events_total{kind="update"}'
+        before = self.metric(published)
+        name = self.empty_room()
+        # A job is done as soon as that is stored; who listens from then on may still hear of it.
+        until(lambda: self.metric(published) > before)
+        return name
+
+    def metric(self, beginning: str) -> float:
+        """The sum of the metrics whose lines begin so."""
+        lines = self.http.get(f"{self.server.url}/metrics").text.splitlines()
+        return sum(float(line.split()[-1]) for line in lines if line.startswith(beginning))
 
     def observe(self, name: str, times: list[float], states: list[int]) -> Any:
         answer = self.http.post(f"/locations/{name}/observations", json={"time": times, "state": states})
