@@ -1,6 +1,6 @@
 // The timeline: history and future, ticks in local time, marks of anomalies, and a slider over all of it.
 
-import { clockText, dayText, offsetOf } from "./words.js";
+import { clockText, dayText, offsetOf } from "./core/words.js";
 /** @import { GridMessage } from "../../../types.d.ts" */
 
 const DAY = 86400;

@@ -2,7 +2,7 @@
 
 import { all, byId as $ } from "./dom.js";
 import { Timeline } from "./timeline.js";
-import { dateText, clockText, durationText, zoneText } from "./words.js";
+import { dateText, clockText, durationText, zoneText } from "./core/words.js";
 /** @import { CellFacts, FrameMessage, GridMessage, Handlers, NoticeMessage, ViewRequest } from "../../../types.d.ts" */
 
 const { token, scene } = document.body.dataset;
