@@ -340,3 +340,11 @@ def test_a_session_that_ended_leads_to_the_sign_in_page(server: StartServer, pag
     expect(page.get_by_role("heading", name="No locations yet")).to_be_visible()
     make_key(("--data", str(process.data)), "operator")
     expect(page.get_by_role("heading", level=1)).to_have_text("Sign in", timeout=15_000)
+
+
+def test_the_rhythms_bars_are_wide_enough_for_a_phone(site: str, page: Page) -> None:
+    page.set_viewport_size({"width": 360, "height": 740})
+    page.goto(f"{site}/locations/office-door")
+    box = page.locator(".meter").first.bounding_box()
+    assert box is not None
+    assert box["width"] > 200

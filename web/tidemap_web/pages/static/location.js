@@ -26,7 +26,7 @@ changed.mount(byId("notice"), state, live);
 changed.mountUpdate(byId("jobs"), state);
 anomalies.mount(byId("anomalies"), live, state.name);
 fragment.mount("facts", live, (message) => message.kind !== "job");
-fragment.mount("work", live, (message) => message.kind === "job" || message.kind === "observation");
+fragment.mount("work", live, (message) => message.kind === "job");
 evaluation.mount(byId("evaluation"), state);
 settings.mount(byId("settings-form"), state);
 weekmap.mount(byId("week"), state);

@@ -13,7 +13,7 @@ const ESTIMATORS = ["fft", "calendar"];
 const [WIDTH, HEIGHT, LEFT, BASE] = [360, 220, 40, 190];
 
 /**
- * @param {HTMLElement} section with a button, and a place for the answer
+ * @param {HTMLElement} section with a button, and room for the answer
  * @param {LocationState} state
  */
 export function mount(section, state) {

@@ -5,7 +5,7 @@ import { morph } from "../core/morph.js";
 /** @import { LiveMessage } from "../../../../types.d.ts" */
 
 /* global htmx */
-const MIN_PAUSE_MS = 1000;
+const MIN_PAUSE_MS = 2000;
 const CALM_MS = 60_000;
 
 htmx.defineExtension("morph", {
@@ -20,7 +20,7 @@ htmx.defineExtension("morph", {
 });
 
 /**
- * Ask for the element of this id again when a message that concerns it comes, at most once a second, when the
+ * Ask for the element of this id again when a message that concerns it comes, at most every MIN_PAUSE_MS, when the
  * connection is back, and once a minute anyway: what another process does is not heard here.
  * @param {string} id
  * @param {Live} live
