@@ -12,7 +12,7 @@ from tidemap.services.update import UpdateRequest
 from tidemap.services.update_task import Executor
 from tidemap.storage.records import LocationRecord, RevisionRecord
 from tidemap.workers.election import LeaderElection, LeaderTerm
-from tidemap.workers.executors import Limited, LocalExecutor
+from tidemap.workers.executors import Limited, open_executor
 from tidemap.workers.retries import Retries
 from tidemap.workers.worker import Worker
 
@@ -22,12 +22,12 @@ POLL_S = 1.0
 
 
 class Updater:
-    """One thread that takes job after job while this process leads; chunks run on the executor's threads."""
+    """One thread that takes job after job while this process leads; chunks run where the executor has them run."""
 
     def __init__(self, ctx: Context, election: LeaderElection) -> None:
         self._ctx = ctx
         self._election = election
-        self._executor = LocalExecutor(ctx, ctx.settings.update_threads)
+        self._executor = open_executor(ctx)
         self._worker = Worker("updater", min(POLL_S, ctx.settings.updater_interval_s), self._round)
         self._settled: LeaderTerm | None = None
         self._looked = -math.inf

@@ -44,6 +44,7 @@ from tidemap.storage.repositories.jobs import JobRepository
 from tidemap.storage.tables import history
 from tidemap.workers import updater as updater_module
 from tidemap.workers.election import LeaderElection
+from tidemap.workers.executors import LocalExecutor
 from tidemap.workers.updater import Updater, is_due
 
 STATIC = UpdateRequest(estimator="static")
@@ -252,6 +253,7 @@ def test_a_job_that_the_end_interrupts_runs_again_at_the_next_start(
         with working(ctx) as updater:
             job = request_update(ctx, "lab", STATIC)
             assert begun.wait(WAIT_S)
+            assert isinstance(updater._executor, LocalExecutor)
             updater._executor._closed = True
             updater._executor._pool.shutdown(wait=False, cancel_futures=True)
             go_on.set()
