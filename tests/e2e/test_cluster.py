@@ -1,6 +1,6 @@
 """Updates on a Dask cluster of real processes, and what becomes of them when one of those dies."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from threading import Thread
@@ -51,6 +51,18 @@ def begun(folder: Path) -> list[tuple[int, int]]:
     """Number and process of every task that has begun in a folder."""
     names = (path.name.split("-") for path in folder.glob("begun-*"))
     return sorted((int(number), int(process)) for _, number, process in names)
+
+
+def once_begun(folder: Path, act: Callable[[], None]) -> Thread:
+    """A thread that acts as soon as a task has begun in a folder."""
+
+    def run() -> None:
+        until(lambda: begun(folder))
+        act()
+
+    thread = Thread(target=run)
+    thread.start()
+    return thread
 
 
 def spectra(url: str, revision: int) -> list[tuple[object, ...]]:
@@ -108,8 +120,7 @@ def test_results_in_order_errors_to_the_caller_and_an_end(cluster: Cluster, url:
             with pytest.raises(type(error), match=f"^{error}$"):
                 list(executor.map(refuse, [error]))
         results = iter(executor.map(hold, [Held(tmp_path, number) for number in range(10)]))
-        stopping = Thread(target=lambda: (until(lambda: begun(tmp_path)), executor.request_stop()))
-        stopping.start()
+        stopping = once_begun(tmp_path, executor.request_stop)
         with pytest.raises(ShuttingDownError):
             next(results)
         stopping.join()
@@ -126,8 +137,7 @@ def test_a_lost_scheduler_is_found_again(url: str, tmp_path: Path) -> None:
         cluster.worker(url)
         assert list(executor.map(negate, [1])) == [-1]
         results = iter(executor.map(hold, [Held(tmp_path, 0)]))
-        stopping = Thread(target=lambda: (until(lambda: begun(tmp_path)), cluster.stop_scheduler()))
-        stopping.start()
+        stopping = once_begun(tmp_path, cluster.stop_scheduler)
         with pytest.raises(ClusterUnavailableError, match="does not answer"):
             next(results)
         stopping.join()
