@@ -40,9 +40,9 @@ def main(arguments: list[str]) -> int:
     with demo(arguments) as url, launch(executable) as browser, driving(browser):
         with browser.new_context(viewport=SIZE, color_scheme="light") as context:
             view(context.new_page(), url)
-        for size in SIZES:
+        for size, viewport in SIZES.items():
             for scheme in SCHEMES:
-                with browser.new_context(viewport=SIZES[size], color_scheme=scheme) as context:
+                with browser.new_context(viewport=viewport, color_scheme=scheme) as context:
                     lists(context.new_page(), url, f"{size}-{scheme}")
     return 0
 

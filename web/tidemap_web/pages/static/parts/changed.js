@@ -17,7 +17,7 @@ export function mount(notice, state, live) {
     if (message.change === "deleted") gone();
     else if (message.called && message.called !== state.name) renamed(message.called);
   });
-  // What happened while there was no connection, or in another process, is noticed when the page asks again.
+  // What happened while there was no connection is noticed when the page asks again.
   document.body.addEventListener("htmx:responseError", (event) => {
     if (event instanceof CustomEvent && event.detail.xhr.status === 404) gone();
   });

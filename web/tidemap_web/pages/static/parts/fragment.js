@@ -21,7 +21,7 @@ htmx.defineExtension("morph", {
 
 /**
  * Ask for the element of this id again when a message that concerns it comes, at most every MIN_PAUSE_MS, when the
- * connection is back, and once a minute anyway: what another process does is not heard here.
+ * connection is back, and once a minute anyway, so that nothing that was missed stays old.
  * @param {string} id
  * @param {Live} live
  * @param {(message: LiveMessage) => boolean} concerns
