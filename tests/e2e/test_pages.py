@@ -114,7 +114,7 @@ def test_the_range_of_the_chart_is_drawn_in_the_strip_of_the_whole_history(site:
     page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 8)
     page.mouse.down()
     page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 8, steps=4)
-    with page.expect_response(re.compile("/series")) as asked:
+    with page.expect_request(re.compile("/series")) as asked:
         page.mouse.up()
     query = parse_qs(urlsplit(asked.value.url).query)
     days = (float(query["stop"][0]) - float(query["start"][0])) / 86400
