@@ -32,7 +32,7 @@ DOOR, PERIOD_S, PAUSE_S, MAX_WAIT_MS = "door", 1.0, 0.05, 100.0
 WARM_UP = 3
 """Sweeps before it counts: the first of a sample makes the surface that is expected."""
 ENVIRONMENT = {"TIDEMAP_VIEWER": "false", "TIDEMAP_LOG_LEVEL": "warning"}
-PATH = [[100, j, 30] for j in range(100, 120)]
+PATH = sweep.GRID.cell([[100, j, 30] for j in range(100, 120)]).tolist()
 """Cells ahead of it."""
 AROUND = f"state?given=model&bbox={','.join(str(each) for each in (*(sweep.ORIGIN - 2.0), *(sweep.ORIGIN + 2.0)))}"
 """Two metres about the robot."""
