@@ -16,8 +16,8 @@ from tidemap.space.pose import Array, Pose
 COARSE, FINE = 5.0, 2.5
 """How far apart, in lengths of a cell, a point and its surface may be: first, and then."""
 ROUNDS, ITERATIONS = 5, 4
-"""Of each of both: what has not converged by then is lost. small_gicp lets no other thread run meanwhile, some 9 ms an
-iteration; between rounds they do."""
+"""Of each of both: what has not converged by then is lost. small_gicp lets no other thread run meanwhile, 5 to 14
+ms an iteration; between rounds they do."""
 NEIGHBOURS = 20
 """Cells that the normal of a surface is estimated from."""
 MAX_POINTS, MAX_ROUGH_POINTS = 12_000, 3_000

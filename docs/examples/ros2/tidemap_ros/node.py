@@ -105,10 +105,10 @@ class TidemapNode(Node):
         try:
             location = self.reader.location(self.options.location)
             state = location.state(now + self.options.ahead_s, confidence=self.options.confidence or None)
-        except TidemapError as error:
+            grid = state.to_occupancy_grid(self.options.z_min, self.options.z_max, mode="trinary")
+        except (TidemapError, ValueError) as error:
             self.get_logger().warning(f"No new map: {error}", throttle_duration_sec=LOG_S)
             return
-        grid = state.to_occupancy_grid(self.options.z_min, self.options.z_max, mode="trinary")
         self.map = fill_map(OccupancyGrid(), grid)
         self.publisher.publish(self.map)
 
