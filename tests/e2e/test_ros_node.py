@@ -5,7 +5,8 @@
 
 import io
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ pytestmark = pytest.mark.skipif(not PYTHON.exists(), reason="no rclpy here: run 
 GRID = {"origin": [-5.0, -5.0, 0.0], "resolution_m": 0.25, "shape": [40, 36]}
 GEOMETRY = GridGeometry("map", (-5.0, -5.0, 0.0), 0.25, (40, 36))
 POSE = [0.1, 0.2, 0.0, 0.0, 0.0, float(np.sin(0.15)), float(np.cos(0.15))]
+POINTS = np.random.default_rng(7).uniform(-4, 4, (40, 3)).astype(np.float32)
 FIRST, STEP, LOW, HIGH = -1.5, 0.05, 0.1, 6.0
 
 
@@ -42,8 +44,13 @@ def cells_of(seed: int) -> list[int]:
     found[4] = 100.0
     kept = np.isfinite(found) & (found >= LOW) & ((found <= HIGH) | (found == 100.0))
     points = np.stack([found * np.cos(angle), found * np.sin(angle), 0 * found], axis=1)[kept]
+    return cast(points, HIGH)
+
+
+def cast(points: np.ndarray[Any, Any], max_range_m: float = np.inf) -> list[int]:
+    """The cells that points in the sensor's frame are, and those before them."""
     pose = Pose.of(POSE)
-    seen: list[int] = cast_rays(GEOMETRY, pose.translation, pose.apply(points), max_range_m=HIGH).cell.tolist()
+    seen: list[int] = cast_rays(GEOMETRY, pose.translation, pose.apply(points), max_range_m=max_range_m).cell.tolist()
     return seen
 
 
@@ -73,15 +80,27 @@ class Floor:
         self.observations = self.lab.get().observations
 
     def publish(self, seed: int, stamp: int) -> None:
+        """Publish a laser scan."""
         said = {"angle_min": FIRST, "angle_increment": STEP, "range_min": LOW, "range_max": HIGH}
         self.robot.do("scan", stamp=[stamp, 0], ranges=ranges(seed).tolist(), pose=POSE, **said)
 
     def scan(self, seed: int) -> None:
         """Publish until it is stored: a message may be lost, and the node takes one stamp once."""
-        stamp, expected = int(time.time()), self.observations + len(cells_of(seed))
+        self._until_stored(partial(self.publish, seed), len(cells_of(seed)))
+
+    def cloud(self) -> None:
+        """The same of points."""
+
+        def publish(stamp: int) -> None:
+            self.robot.do("cloud", stamp=[stamp, 0], points=POINTS.tolist(), pose=POSE)
+
+        self._until_stored(publish, len(cast(POINTS)))
+
+    def _until_stored(self, publish: Callable[[int], None], n_cells: int) -> None:
+        stamp, expected = int(time.time()), self.observations + n_cells
 
         def stored() -> bool:
-            self.publish(seed, stamp)
+            publish(stamp)
             self.observations = self.lab.get().observations
             return self.observations == expected
 
@@ -113,10 +132,11 @@ def test_a_scan_goes_in_and_the_predicted_map_comes_out(
             workspace, tmp_path / "node.log", keys, url=tidemap_server.url, outbox=outbox, door="door", **pace, **exact
         ):
             floor.scan(1)
+            floor.cloud()
             file = floor.lab.export("npz", source="observed")
             with np.load(io.BytesIO(file.content)) as arrays:
                 seen = np.flatnonzero(arrays["state"].ravel() >= 0).tolist()
-            assert seen == sorted({0, 1, 2, 5, 6, *cells_of(1)})
+            assert seen == sorted({0, 1, 2, 5, 6, *cells_of(1), *cast(POINTS)})
             robot.do("door", open=True)
             until(lambda: floor.door.get().observations == 1)
             heard = floor.map_since(time.time())

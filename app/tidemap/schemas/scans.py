@@ -41,7 +41,7 @@ class ScanHeader(Form):
         None,
         gt=0,
         le=1e6,
-        description="Points further than this (m) clear the cells up to there and hit none; of ranges at most `range_max`.",
+        description="Points further than this (m) clear the cells up to there and hit none; at most `range_max`.",
     )
     min_hits: int = Field(1, ge=1, le=100, description="Hits from which on a cell is occupied.")
     registration: RegistrationMode = Field(
