@@ -30,7 +30,7 @@ MAX_STEPS: Final = 100
 DIGITS: Final = 3
 """Of the correction, as it is stored."""
 OFFSETS: Final = np.arange(-8, 9) / 4
-"""By which ln τ of a cell may differ from its location's."""
+"""By which ln (τ + κ a) of a cell may differ from its location's."""
 OFFSET_SDS: Final = (0.01, 0.25, 0.5, 1.0)
 """How far cells may differ, as standard deviations; with the first they are alike."""
 
@@ -39,14 +39,14 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lasting:
-    """How long states last: of all cells, and by how much ln τ differs in each, (n_cells,)."""
+    """How long states last: of all cells, and by how much ln (τ + κ a) differs in each, (n_cells,)."""
 
     persistence: Persistence
     offset: NDArray[np.float64]
 
 
 def learn_lasting(history: History, spectrum: Spectrum, base: TimeBase) -> Lasting:
-    """`learn_persistence`, and of every cell the expected offset of ln τ (empirical Bayes): the more the cells differ
+    """`learn_persistence`, and of every cell the expected offset of ln (τ + κ a) (empirical Bayes): the more the cells differ
     and the more pairs one has, the more of its own it keeps. A single one has nothing to differ from.
     """
     pairs = pairs_of(history, spectrum, base)
@@ -73,8 +73,9 @@ def _expected(fits: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def differing(persistence: Persistence, offset: float) -> Persistence:
-    """That of a cell whose ln τ differs by `offset`."""
-    return replace(persistence, tau_s=persistence.tau_s * float(np.exp(offset)))
+    """That of a cell whose states last longer by the factor exp(`offset`): its ln (τ + κ a) differs by that."""
+    factor = float(np.exp(offset))
+    return replace(persistence, tau_s=persistence.tau_s * factor, kappa=persistence.kappa * factor)
 
 
 def learn_persistence(history: History, spectrum: Spectrum, base: TimeBase) -> Persistence:

@@ -185,7 +185,7 @@ class RevisionRecord:
     """One update: samples [start, stop) were fitted; `observation_seq` and `measurements` were known then.
 
     persistence: how long states last, as the update learned it; by default what is believed without having learned.
-    offset: by cell, where its ln τ differs from that.
+    offset: by cell, where its ln (τ + κ a) differs from that.
     detector: the same as read by a sensor that errs, where the location had one.
     """
 
