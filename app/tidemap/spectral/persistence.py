@@ -46,8 +46,10 @@ class Lasting:
 
 
 def learn_lasting(history: History, spectrum: Spectrum, base: TimeBase) -> Lasting:
-    """`learn_persistence`, and of every cell the expected offset of ln (τ + κ a) (empirical Bayes): the more the cells differ
-    and the more pairs one has, the more of its own it keeps. A single one has nothing to differ from.
+    """`learn_persistence`, and of every cell the expected offset of ln (τ + κ a) (empirical Bayes).
+
+    The more the cells differ and the more pairs one has, the more of its own it keeps. A single one has nothing to
+    differ from.
     """
     pairs = pairs_of(history, spectrum, base)
     if pairs is None:
