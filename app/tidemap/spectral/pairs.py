@@ -74,8 +74,10 @@ class CellReadings:
 
 
 def pairs_of(history: History, spectrum: Spectrum, base: TimeBase) -> Pairs | None:
-    """Pairs of readings of all cells, `MAX_PAIRS` at most, spread evenly in the logarithm of their distance up to 14
-    days; None where no cell was read twice. spectrum: fitted to the same cells."""
+    """Pairs of readings of all cells, `MAX_PAIRS` at most; None where there are none.
+
+    They are spread evenly in the logarithm of their distance, up to 14 days. spectrum: fitted to the same cells.
+    """
     some = max(1, MAX_PAIRS // max(1, history.n_cells))
     found = [_of_cell(history, cell, spectrum, base, some) for cell in range(history.n_cells)]
     parts = [part for part in found if part is not None]
@@ -86,7 +88,7 @@ def pairs_of(history: History, spectrum: Spectrum, base: TimeBase) -> Pairs | No
 
 
 def _of_cell(history: History, cell: int, spectrum: Spectrum, base: TimeBase, n_pairs: int) -> Pairs | None:
-    """The pairs of one cell; None where it was read once at most."""
+    """The pairs of one cell; None where there are none."""
     read = CellReadings.of(history, cell)
     if read.sample.size < 2:
         return None
@@ -94,6 +96,8 @@ def _of_cell(history: History, cell: int, spectrum: Spectrum, base: TimeBase, n_
     earlier, wanted, weight = _chosen(read, longest, n_pairs)
     later = np.searchsorted(read.sample, read.sample[earlier] + wanted)
     inside = later < read.sample.size
+    if not inside.any():
+        return None
     earlier, later, weight = earlier[inside], later[inside], weight[inside]
     state, apart = read.state[earlier], read.sample[later] - read.sample[earlier]
     p = predict_times(spectrum, base.time(read.sample[np.r_[later, earlier]]), [cell])[0].astype(np.float64)
@@ -108,7 +112,7 @@ def _of_cell(history: History, cell: int, spectrum: Spectrum, base: TimeBase, n_
         same=read.state[later] == state,
         cell=np.full(later.size, cell),
         evidence=weight * _counted(read, later - earlier, weight, longest) / history.n_cells,
-        independent=weight * min(1.0, PAIRS_OF_RUN * runs / max(1, later.size)),
+        independent=weight * min(1.0, PAIRS_OF_RUN * runs / later.size),
     )
 
 

@@ -84,8 +84,7 @@ def test_less_outlasts_a_week_than_the_next_day(days: int, left: float) -> None:
 
 def test_two_weeks_that_end_with_a_mood_say_little_of_the_week_to_come() -> None:
     """Every trial of theirs is of one day: it shows how far the next day is like the last."""
-    history = moody(14, 0.95, 3)
-    assert choose(history, BASE, time_zone="UTC").carry_over <= level.outlasting(1)
+    assert choose(moody(14, 0.95, 3), BASE, time_zone="UTC").carry_over <= level.outlasting(1)
 
 
 def test_a_departure_is_followed_as_far_as_asked() -> None:
