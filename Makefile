@@ -61,7 +61,7 @@ lint: setup
 	@.venv/bin/python -m mypy --no-error-summary
 	@.venv/bin/oxlint --quiet --deny-warnings --ignore-pattern vendor web/tidemap_web/pages/static
 	@DENO_DIR=.venv/deno DENO_NO_UPDATE_CHECK=1 .venv/bin/deno check --quiet --no-remote --no-npm --config web/deno.json \
-	    web/types.d.ts web/tidemap_web/pages/static/*.js
+	    web/types.d.ts $$(find web/tidemap_web/pages/static -name "*.js" -not -path "*/vendor/*")
 	@.venv/bin/lint-imports --no-logo
 
 bench: setup ## Measure every figure against its floor: one JSON line each

@@ -11,6 +11,7 @@ export interface Span {
 export interface Mark {
   start: number;
   stop: number;
+  observed?: number;
   acknowledged?: boolean;
 }
 
@@ -23,8 +24,8 @@ export interface GridMessage {
   shape: number[];
   frame: string;
   resolution_m: number;
+  origin_m: number[];
   span: Span | null;
-  events: Mark[];
 }
 
 /** The facts of the selected cell. */
@@ -33,6 +34,7 @@ export interface CellFacts {
   index: number[];
   position_m: number[];
   probability: number;
+  verdict: "free" | "occupied" | "uncertain";
   observed: number | null;
   observed_time: number | null;
 }
@@ -41,6 +43,9 @@ export interface CellFacts {
 export interface FrameMessage {
   time: number;
   live: boolean;
+  drawn: boolean;
+  loading: boolean;
+  confidence: number;
   revision: number;
   estimator: string;
   order: number;
@@ -65,13 +70,17 @@ export interface NoticeMessage {
 export interface Handlers {
   grids(message: { items: { name: string; kind: string }[] }): void;
   location(message: GridMessage): void;
+  events(message: { items: Mark[] }): void;
   frame(message: FrameMessage): void;
+  progress(message: { what: string; done: number | null }): void;
+  camera(message: { pose: number[] | null }): void;
+  picked(message: { cell: number | null }): void;
   refused(message: { detail: string }): void;
   notice(message: NoticeMessage): void;
 }
 
-/** What the page wants to see. */
-export interface ViewRequest {
+/** What the viewer shows: what is chosen, what the server has said of it, and what the page does. */
+export interface ViewState {
   location: string | null;
   time: number | null;
   live: boolean;
@@ -79,11 +88,27 @@ export interface ViewRequest {
   order: number | null;
   floor: number;
   dim: boolean;
+  /** Heights that are shown, in grid steps. */
+  low: number | null;
+  high: number | null;
+  layout: "beside" | "overlay" | "difference";
+  predicted: "probability" | "verdict" | "entropy";
+  observed: "seen" | "age";
+  cell: number | null;
+  /** Position and what it looks at, in metres; null: as the server aims it. */
+  camera: number[] | null;
+  zone: "location" | "mine" | "UTC";
+  reach: "day" | "week" | "all" | null;
+  /** What the timeline was zoomed to. */
+  span: [number, number] | null;
+  grid: GridMessage | null;
+  frame: FrameMessage | null;
+  events: Mark[];
+  playing: boolean;
 }
 
 /** The elements of the pages that are no plain ones, by id. */
 export interface Controls {
-  marks: HTMLCanvasElement;
   time: HTMLInputElement;
   scene: HTMLIFrameElement;
   location: HTMLSelectElement;
@@ -95,6 +120,14 @@ export interface Controls {
   speed: HTMLSelectElement;
   cell: HTMLInputElement;
   play: HTMLButtonElement;
+  low: HTMLInputElement;
+  high: HTMLInputElement;
+  typed: HTMLInputElement;
+  "predicted-layer": HTMLSelectElement;
+  "observed-layer": HTMLSelectElement;
+  "zone-layer": HTMLSelectElement;
+  series: HTMLCanvasElement;
+  "loading-bar": HTMLProgressElement;
 }
 
 /** One cell over time. */

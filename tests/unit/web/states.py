@@ -1,34 +1,82 @@
 """A state as the services answer it, and a source of such states."""
 
-from dataclasses import dataclass, field, fields
+from collections.abc import Hashable
+from dataclasses import fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tests.support.records import location_record
 from tidemap.errors import LocationNotFoundError, NoModelError
+from tidemap.history.history import NEVER, UNOBSERVED
 from tidemap.services.anomalies import Anomaly
+from tidemap.services.context import Loaded, Seen
+from tidemap.services.films import Watch
 from tidemap.services.locations import LocationSummary
+from tidemap.services.map_view import MapQuery, MapView
 from tidemap.space.grid import GridGeometry
-from tidemap_web.viewer.source import Question
+from tidemap.spectral.recipe import Recipe
+from tidemap.spectral.spectrum import Spectrum
+from tidemap.storage.records import LocationRecord, RevisionRecord
 
 NOW = 1_800_000_000.0
+DOOR = "door"
+"""A location that is no grid."""
+GRID = GridGeometry("map", (1.0, 2.0, 3.0), 0.5, (2, 3, 4))
+PROBABILITY = {0: 1.0, 5: 0.5, 23: 0.02}
+SEEN = {0: (1, NOW), 5: (0, NOW), 23: (1, NOW)}
 
 
-@dataclass(frozen=True, eq=False)
-class FakeState:
-    """Three cells of a [2, 3, 4] grid unless said otherwise."""
+def map_view(
+    grid: GridGeometry,
+    probability: dict[int, float],
+    seen: dict[int, tuple[int, float]] | None = None,
+    time: float = NOW,
+    confidence: float = 0.9,
+    mean: dict[int, float] | None = None,
+) -> MapView:
+    """A view of some cells of a grid; seen: state and time of each; mean: the probability without any rhythm."""
+    record = location_record(name="lab", kind="grid3d", interval_s=1.0, grid=grid, last_time=NOW)
+    p = np.full(grid.n_cells, np.nan, np.float32)
+    p[list(probability)] = list(probability.values())
+    without = np.where(np.isnan(p), p, np.float32(0.5))
+    without[list(mean or {})] = list((mean or {}).values())
+    loaded = Loaded(_revision(), _spectrum(without, record), {})
+    sighted = Seen(np.full(grid.n_cells, UNOBSERVED, np.uint8), np.full(grid.n_cells, NEVER, np.int64))
+    for cell, (state, at) in (seen or {}).items():
+        sighted.state[cell], sighted.sample[cell] = state, record.base.sample(at)
+    return MapView(record, loaded, time, confidence, p, sighted)
 
-    time: float = NOW
-    confidence: float = 0.9
-    estimator: str = "fft"
-    order: int = 2
-    revision: int = 1
-    shape: tuple[int, ...] = (2, 3, 4)
-    cell: NDArray[np.int64] = field(default_factory=lambda: np.array([0, 5, 23]))
-    probability: NDArray[np.float32] = field(default_factory=lambda: np.array([1.0, 0.5, 0.02], np.float32))
-    observed: NDArray[np.uint8] | None = field(default_factory=lambda: np.array([1, 0, 1], np.uint8))
-    observed_time: NDArray[np.float64] | None = field(default_factory=lambda: np.full(3, NOW))
+
+def _revision() -> RevisionRecord:
+    return RevisionRecord(
+        location_id=1,
+        revision=1,
+        recipe=Recipe("fft", 2, "UTC"),
+        start=0,
+        stop=1,
+        observation_seq=0,
+        measurements=0,
+        accuracy=None,
+        updated_at=NOW,
+        selection=None,
+    )
+
+
+def _spectrum(mean: NDArray[np.float32], record: LocationRecord) -> Spectrum:
+    """Without waves."""
+    return Spectrum(
+        "identity",
+        0.0,
+        None,
+        frequency_hz=np.zeros(0),
+        gate=np.zeros(0, np.uint8),
+        mean=mean,
+        cell=np.zeros(0, np.int32),
+        index=np.zeros((0, 0), np.uint16),
+        coefficient=np.zeros((0, 0), np.complex64),
+        base=record.base,
+    )
 
 
 def location(name: str, last_time: float | None = NOW, kind: str = "grid3d") -> LocationSummary:
@@ -37,7 +85,7 @@ def location(name: str, last_time: float | None = NOW, kind: str = "grid3d") -> 
         name=name,
         kind=kind,
         time_zone="Europe/London",
-        grid=GridGeometry("map", (1.0, 2.0, 3.0), 0.5, (2, 3, 4)),
+        grid=GRID,
         observation_seq=3,
         measurements=3,
         first_time=None if last_time is None else NOW - 86400,
@@ -53,7 +101,9 @@ class FakeSource:
     def __init__(self, *names: str, without_model: tuple[str, ...] = ()) -> None:
         self.locations = {name: location(name) for name in names}
         self.without_model = without_model
-        self.asked: list[Question] = []
+        self.asked: list[MapQuery] = []
+        self.at_hand = True
+        self._loaded: Loaded | None = None
 
     def now(self) -> float:
         return NOW
@@ -66,11 +116,26 @@ class FakeSource:
             raise LocationNotFoundError(name)
         return self.locations[name]
 
-    def state(self, question: Question) -> FakeState:
-        if question.location in self.without_model:
-            raise NoModelError(question.location)
-        self.asked.append(question)
-        return FakeState(time=question.time, confidence=question.confidence or 0.9)
+    def is_location(self, name: str) -> bool:
+        return name in self.locations or name == DOOR
+
+    def view(self, query: MapQuery, like: MapView | None) -> MapView:
+        if query.location in self.without_model:
+            raise NoModelError(query.location)
+        self.asked.append(query)
+        view = map_view(GRID, PROBABILITY, SEEN, query.time, query.confidence or 0.9)
+        if self._loaded is None:
+            self._loaded = view.loaded
+        view = replace(view, loaded=self._loaded, location=replace(view.location, name=query.location))
+        return view if self.at_hand else replace(view, seen=None)
+
+    def window(self, query: MapQuery) -> Hashable:
+        return query.location
+
+    def load(self, query: MapQuery, watch: Watch) -> Seen | None:
+        for share in np.linspace(0, 1, 11):
+            watch(float(share))
+        return map_view(GRID, PROBABILITY, SEEN, query.time).seen
 
     def events(self, name: str, start: float) -> list[Anomaly]:
         return []

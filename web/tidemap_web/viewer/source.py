@@ -1,38 +1,18 @@
 """What the viewer asks the services for; one small face, so that sessions can be tested without a database."""
 
-from dataclasses import dataclass
+from collections.abc import Hashable
 from typing import Protocol
 
 from tidemap.errors import LocationNotFoundError
-from tidemap.services import anomalies, locations, state
+from tidemap.services import anomalies, films, locations, map_view
 from tidemap.services.anomalies import Anomaly
-from tidemap.services.context import Context
+from tidemap.services.context import Context, Seen
+from tidemap.services.films import Watch
 from tidemap.services.locations import LocationSummary
-from tidemap_web.viewer.cells import StateArrays
+from tidemap.services.map_view import MapQuery, MapView
+from tidemap.services.spectra import fitted
 
 MARKS = 500
-
-
-class ViewedState(StateArrays, Protocol):
-    """A state at a time with what it was computed from."""
-
-    @property
-    def revision(self) -> int: ...
-    @property
-    def estimator(self) -> str: ...
-    @property
-    def order(self) -> int: ...
-
-
-@dataclass(frozen=True, slots=True)
-class Question:
-    """The state of a grid at a time, with what was last seen; None stands for the location's own choice."""
-
-    location: str
-    time: float
-    confidence: float | None
-    order: int | None
-    observed: bool = True
 
 
 class Source(Protocol):
@@ -45,10 +25,22 @@ class Source(Protocol):
         """All locations that are grids, by name."""
 
     def grid(self, name: str) -> LocationSummary:
-        """One of them. Raises LocationNotFoundError."""
+        """One of them. Raises LocationNotFoundError, also for a location that is no grid."""
 
-    def state(self, question: Question) -> ViewedState:
-        """Raises NoModelError before the first revision."""
+    def is_location(self, name: str) -> bool:
+        """Whether there is a location of this name, grid or not."""
+
+    def view(self, query: MapQuery, like: MapView | None) -> MapView:
+        """The map at a time, by the model of another view where there is one.
+
+        Raises NoModelError before the first revision.
+        """
+
+    def window(self, query: MapQuery) -> Hashable:
+        """Equal for questions whose `load` is the same work."""
+
+    def load(self, query: MapQuery, watch: Watch) -> Seen | None:
+        """What was last seen then, where a view has it not at hand. `watch` hears how far it is."""
 
     def events(self, name: str, start: float) -> list[Anomaly]:
         """Anomalies since `start`, oldest first, at most MARKS."""
@@ -75,15 +67,26 @@ class Services:
             raise LocationNotFoundError(name)
         return location
 
-    def state(self, question: Question) -> ViewedState:
-        """The state at a time."""
-        query = state.StateQuery(
-            time=question.time,
-            confidence=question.confidence,
-            order=question.order,
-            observed=question.observed,
-        )
-        return state.state_at(self._ctx, question.location, query)
+    def is_location(self, name: str) -> bool:
+        """Whether there is one."""
+        try:
+            locations.find_location(self._ctx, name)
+        except LocationNotFoundError:
+            return False
+        return True
+
+    def view(self, query: MapQuery, like: MapView | None) -> MapView:
+        """The map at a time."""
+        return map_view.map_at(self._ctx, query, like)
+
+    def window(self, query: MapQuery) -> Hashable:
+        """The film that it needs."""
+        location = locations.find_location(self._ctx, query.location)
+        return location.id, films.film_key(self._ctx, location, query.time)
+
+    def load(self, query: MapQuery, watch: Watch) -> Seen | None:
+        """What was last seen then, from the film that it needs."""
+        return films.make_film(self._ctx, fitted(self._ctx, query.location), query.time, watch)
 
     def events(self, name: str, start: float) -> list[Anomaly]:
         """Anomalies since `start`."""

@@ -1,6 +1,7 @@
 // Predicted probability and what was observed, over time: a curve, and two strips below it.
 
-import { dayText, clockText, offsetOf, timeText, zoneText } from "./words.js";
+import { verdictOf } from "./core/colours.js";
+import { dayText, clockText, offsetOf, timeText, zoneText } from "./core/words.js";
 /** @import { ChartState, Plot } from "../../../types.d.ts" */
 
 /* global uPlot */
@@ -13,7 +14,7 @@ export function colours() {
   /** @param {string} name */
   const of = (name) => style.getPropertyValue(`--${name}`).trim();
   return Object.fromEntries(
-    ["ink", "quiet", "line", "grid", "predicted", "occupied", "free", "anomaly", "future", "paper"].map((n) => [n, of(n)]),
+    ["ink", "quiet", "line", "grid", "predicted", "occupied", "free", "uncertain", "anomaly", "future", "paper"].map((n) => [n, of(n)]),
   );
 }
 
@@ -87,11 +88,12 @@ function drawStrips(state) {
     const x = (/** @type {number} */ time) => Math.min(bbox.left + bbox.width, Math.max(bbox.left, chart.valToPos(time, "x", true)));
     const row = (/** @type {number} */ index) => bbox.top + bbox.height - (2 - index) * (STRIP + 4) * ratio + 2 * ratio;
     ctx.save();
-    for (const [index, values] of [state.series.state, state.series.observed].entries()) {
+    const says = state.series.probability.map((p) => verdictOf(p, state.confidence));
+    for (const [index, values] of [says, state.series.observed].entries()) {
       for (const [first, past, value] of runs(values)) {
         if (value === null) continue;
         const left = x(times[first]);
-        ctx.fillStyle = value ? (index ? c.occupied : c.predicted) : c.free;
+        ctx.fillStyle = [c.free, index ? c.occupied : c.predicted, c.uncertain][value];
         ctx.fillRect(left, row(index), Math.max(ratio, x(times[past - 1] + step) - left), STRIP * ratio);
       }
     }
@@ -176,6 +178,7 @@ export function legendHtml() {
     item("dash", c.quiet, "confidence"),
     item("", c.predicted, "upper strip: predicted occupied"),
     item("", c.occupied, "lower strip: observed occupied"),
+    item("", c.uncertain, "uncertain"),
     item("", c.free, "free"),
     item("", c.anomaly, "anomaly"),
   ];

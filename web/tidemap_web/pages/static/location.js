@@ -1,9 +1,9 @@
 // One location's page: the chart, the rhythms, acknowledging anomalies.
 
-import { ask, post } from "./api.js";
+import { ask, post } from "./core/api.js";
 import { draw, legendHtml } from "./chart.js";
 import { all, byId, closest, reason } from "./dom.js";
-import { clockText, dayText, durationText, timeText } from "./words.js";
+import { clockText, dayText, durationText, timeText } from "./core/words.js";
 /** @import { Anomaly, Component, Model, Plot, Series } from "../../../types.d.ts" */
 
 /* global htmx */
