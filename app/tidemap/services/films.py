@@ -82,7 +82,7 @@ def make_film(ctx: Context, model: Fitted, time: float, watch: Watch = lambda _:
 def _words(ctx: Context, location: LocationRecord) -> int:
     """As many as let FILMS of them be kept, but at least one."""
     room = ctx.settings.history_cache_bytes // FILMS // location.n_cells - 18
-    return int(np.clip(room // 16, 1, MAX_WORDS))
+    return max(1, min(room // 16, MAX_WORDS))
 
 
 def _version(location: LocationRecord) -> tuple[object, ...]:

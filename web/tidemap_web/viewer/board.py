@@ -25,7 +25,19 @@ from tidemap_web.viewer.layers import (
     PredictedName,
 )
 from tidemap_web.viewer.layout import Bounds
-from tidemap_web.viewer.painting import HIDDEN, MARKS, MISSING, STALE, TILE, UNEXPECTED, paint
+from tidemap_web.viewer.painting import (
+    COUNTS,
+    HIDDEN,
+    MARKS,
+    MISSING,
+    SHOWN_LEFT,
+    SHOWN_RIGHT,
+    STALE,
+    TILE,
+    UNEXPECTED,
+    WALLS,
+    paint,
+)
 
 ALWAYS: Final = 0.95
 """Probability without any rhythm from which on a cell counts as always occupied."""
@@ -65,9 +77,11 @@ class Taste:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Picture:
-    """Which tiles have changed, (2, n_tiles) of `painting`'s bits, and how many cells carry which mark."""
+    """Which tiles have changed, (2, n_tiles) of `painting`'s bits, how many cells the left grid and the right one show,
+    and how many carry which mark."""
 
     changed: NDArray[np.uint8]
+    shown: tuple[int, int]
     unexpected: int
     missing: int
     stale: int
@@ -106,7 +120,7 @@ class Board:
     def paint(self, view: MapView, seen: Seen | None, taste: Taste) -> Picture:
         """Colour every cell for a view of this revision; some 5 ms for a million cells."""
         base, seen = view.location.base, seen or self._unseen
-        changed, counts = np.zeros((2, self.n_tiles), np.uint8), np.zeros(MARKS + 1, np.int64)
+        changed, counts = np.zeros((2, self.n_tiles), np.uint8), np.zeros(COUNTS, np.int64)
         left, right = taste.layers()
         paint(
             *(self.cell, self._grey, self._height),
@@ -123,7 +137,14 @@ class Board:
             np.ceil(np.array(AGES_S) / base.interval_s).astype(np.int64),
             *(self.codes, changed, counts),
         )
-        return Picture(changed, *(int(counts[mark]) for mark in (UNEXPECTED, MISSING, STALE, MARKS)))
+        return Picture(
+            changed,
+            shown=(int(counts[SHOWN_LEFT]), int(counts[SHOWN_RIGHT])),
+            unexpected=int(counts[UNEXPECTED]),
+            missing=int(counts[MISSING]),
+            stale=int(counts[STALE]),
+            structure=int(counts[WALLS]),
+        )
 
     def shown(self, side: int, tile: int | None = None) -> NDArray[np.intp]:
         """The rows that one grid, or one tile of it, shows."""
@@ -158,5 +179,5 @@ def warm() -> None:
     known = (np.ones(1, np.float32), np.zeros(1, np.uint8), np.zeros(1, np.int64), np.zeros(1, np.bool_))
     limits, moment = (np.float32(0.5),) * 3, (0, 0, 0, 0)
     layers = ((-1, -1), (False, False), none, none)
-    over, ages, counts = np.zeros(MARKS, np.uint16), np.zeros(1, np.int64), np.zeros(MARKS + 1, np.int64)
+    over, ages, counts = np.zeros(MARKS, np.uint16), np.zeros(1, np.int64), np.zeros(COUNTS, np.int64)
     paint(np.zeros(1, np.int32), none, none, *known, limits, moment, False, *layers, over, ages, codes, tiles, counts)

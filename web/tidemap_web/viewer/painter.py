@@ -70,6 +70,7 @@ class Painter:
         self._location: str | None = None
         self._known: set[str] = set()
         self._board: Board | None = None
+        self._layout: Layout | None = None
         self._events: list[Anomaly] = []
         self._loaded: _Loaded | None = None
         self._asked_at = 0.0
@@ -194,11 +195,13 @@ class Painter:
         self, location: LocationSummary, grid: GridGeometry, view: MapView, request: ViewRequest
     ) -> tuple[Board, Layout]:
         """Where the cells are: worked out once a revision, for many times."""
-        board = self._board
+        board, layout, titles = self._board, self._layout, TITLES[request.layout]
         if board is None or board.loaded is not view.loaded or board.grid != grid:
-            board = self._board = Board(grid, view)
-        flat = location.extent is Extent.PLANE
-        return board, arrange(board.bounds, flat, TITLES[request.layout])
+            board, layout = Board(grid, view), None
+        if layout is None or layout.titles != titles:
+            layout = arrange(board.bounds, location.extent is Extent.PLANE, titles)
+        self._board, self._layout = board, layout
+        return board, layout
 
     def _draw(self, shown: PaintedView) -> None:
         scene = self._scene

@@ -12,6 +12,9 @@ TILE: Final = 1 << 14
 """Cells of a tile: what a browser is sent together. One that changes costs 3 to 9 bytes for each of its cells."""
 LEVELS: Final = 256
 MARKS: Final = 6
+COUNTS: Final = MARKS + 3
+WALLS, SHOWN_LEFT, SHOWN_RIGHT = range(MARKS, COUNTS)
+"""What is counted beside marks: what is always occupied, and the cells that each grid shows."""
 NOTHING, OCCUPIED, EXPECTED_FREE, UNEXPECTED, MISSING, STALE = range(MARKS)
 BY_PROBABILITY, BY_MARK, BY_AGE, BY_DIFFERENCE = range(4)
 WALL: Final = np.float32(0.95)
@@ -74,7 +77,7 @@ def paint(
     changed: NDArray[np.uint8],
     counts: NDArray[np.int64],
 ) -> None:
-    """Write `codes` (2, n) anew; set bits of `changed` (2, n_tiles) and add to `counts` (MARKS + 1,), walls last.
+    """Write `codes` (2, n) anew; set bits of `changed` (2, n_tiles) and add to `counts` (COUNTS,).
 
     number, grey, height (n,): of the cells to draw, height in grid steps. p_of, state, sample, always (n_cells,): p,
     what was last seen, its sample, whether always occupied. limits: confidence, 1 - confidence and floor, float32.
@@ -93,8 +96,8 @@ def paint(
             fresh = seen < 2 and at >= oldest
             mark = mark_of(seen, fresh, p, limits[0])
             wall = dim and always[cell] and p >= WALL
-            counts[MARKS if wall and mark == STALE else mark] += 1
-            counts[MARKS] += wall and mark != STALE
+            counts[WALLS if wall and mark == STALE else mark] += 1
+            counts[WALLS] += wall and mark != STALE
             step = 0
             while aged and step < ages.size and now - at >= ages[step]:
                 step += 1
@@ -106,6 +109,8 @@ def paint(
             row = row_of(sources[1], mark, seen, fresh, step, p, limits)
             if row >= 0:
                 second = grey[i] if wall and walls[1] and mark in (OCCUPIED, STALE) else right[row]
+        counts[SHOWN_LEFT] += first != HIDDEN
+        counts[SHOWN_RIGHT] += second != HIDDEN
         if codes[0, i] != first:
             changed[0, i // TILE] |= RESHAPED if codes[0, i] == HIDDEN or first == HIDDEN else RECOLOURED
             codes[0, i] = first

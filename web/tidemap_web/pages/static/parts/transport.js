@@ -95,9 +95,12 @@ export class Transport {
   tick(now) {
     const { playing, frame, time, live, grid } = this.state.values;
     if (!playing || !grid?.span) return;
-    this.owed += Math.min(0.5, (now - this.before) / 1000) * Number($("speed").value);
+    this.owed += Math.min(0.5, (now - this.before) / 1000) * speedOf($("speed").value, grid.interval_s);
     this.before = now;
-    if (frame === null || frame.time === time || live) {
+    const ready = frame === null || frame.time === time || live;
+    // By whole samples where they are slow: within one nothing changes.
+    const due = this.owed >= Math.min(grid.interval_s, speedOf($("speed").value, grid.interval_s));
+    if (ready && due) {
       const [low, high] = this.loop(grid.span);
       const next = (time ?? high) + this.owed;
       this.owed = 0;
@@ -185,6 +188,13 @@ export class Transport {
     return true;
   }
 }
+
+/**
+ * Seconds that pass in one.
+ * @param {string} text seconds, or a number of samples
+ * @param {number} interval
+ */
+const speedOf = (text, interval) => Number.parseFloat(text) * (text.includes("sample") ? interval : 1);
 
 /** @param {ViewState} view */
 function reachOf(view) {
