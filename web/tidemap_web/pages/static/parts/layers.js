@@ -63,7 +63,7 @@ function showSettings(view) {
   $("confidence-value").textContent = confidence === null ? "" : confidence.toFixed(2);
   $("floor").value = String(view.floor);
   $("floor-value").textContent = view.floor.toFixed(2);
-  $("floor-note").textContent = view.floor > 0 ? `(hidden below ${view.floor.toFixed(2)})` : "";
+  $("floor-note").textContent = view.floor > 0 ? `(hidden where p is below ${view.floor.toFixed(2)})` : "";
   for (const part of all(".ramp-floor")) part.style.width = `${100 * view.floor}%`;
   $("dim").checked = view.dim;
   $("order-auto").checked = view.order === null;
