@@ -245,6 +245,9 @@ def test_a_grid_that_is_deleted_while_it_is_shown_is_said_to_be(page: Page) -> N
         session.notify({"lab": frozenset({"location"})})
         assert page.last("notice")["reason"] == "deleted"
         page.last("grids", lambda grids: [item["name"] for item in grids["items"]] == ["yard"])
+        page.told.clear()
+        session.notify({"yard": frozenset({"location"})})
+        assert page.last("notice")["reason"] == "deleted"
 
 
 def test_a_location_that_is_no_grid_is_said_to_be_none(page: Page) -> None:

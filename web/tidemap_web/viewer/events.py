@@ -23,4 +23,5 @@ def boxes(events: Iterable[Anomaly], shown: PaintedView) -> tuple[Box, ...]:
 def _box(event: Anomaly) -> Box:
     cells = "1 cell" if event.cells_total == 1 else f"{event.cells_total:,} cells"
     color = colors.UNEXPECTED if event.observed else colors.MISSING
-    return Box(event.bbox or (), f"{'occupied' if event.observed else 'free'} · {cells}", color)
+    seen = "not as expected" if event.seen is not None else "occupied" if event.observed else "free"
+    return Box(event.bbox or (), f"{seen} · {cells}", color)

@@ -95,6 +95,10 @@ class Painter:
             return True
         return bool(fresh.get(self._location or "", frozenset()) & ALL_KINDS)
 
+    def has_listed(self, name: str) -> bool:
+        """Whether there was a grid of this name since the tab opened."""
+        return name in self._known
+
     def paint(self, request: ViewRequest, fresh: Fresh | None) -> None:
         """Bring the tab to a request; `fresh` says what is new, None that nothing is known yet.
 

@@ -105,7 +105,7 @@ def cell(shown: PaintedView, number: int) -> PageMessage | None:
 
 
 def notice(reason: str, detail: str) -> PageMessage:
-    """Why there is nothing to show: no-grids, no-observations, no-model, not-found or error."""
+    """Why there is nothing to show: no-grids, no-grid, no-observations, no-model, not-found, deleted or error."""
     return {"kind": "notice", "reason": reason, "detail": detail}
 
 

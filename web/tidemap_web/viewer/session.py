@@ -152,7 +152,8 @@ class Session:
             self._painter.blank("error", "The viewer failed; the server's log says why.")
 
     def _reason(self, request: ViewRequest) -> str:
-        """Why there is no such grid: it was shown a moment ago, or is a location of another kind, or never was."""
-        if request.location is not None and self._source.is_location(request.location):
+        """Why there is no such grid: it is a location of another kind, or was listed before, or never was."""
+        name = request.location or ""
+        if self._source.is_location(name):
             return "no-grid"
-        return "deleted" if self._painter.shown is not None else "not-found"
+        return "deleted" if self._painter.has_listed(name) else "not-found"

@@ -117,6 +117,8 @@ export function keepAddress(state) {
   window.addEventListener("popstate", () => {
     clearTimeout(timer);
     query = window.location.search;
-    state.change({ ...readAddress(query), playing: false });
+    const asked = readAddress(query);
+    const elsewhere = asked.location !== state.values.location ? { grid: null, frame: null, events: [], span: null } : {};
+    state.change({ ...asked, ...elsewhere, playing: false });
   });
 }
