@@ -39,6 +39,16 @@ export interface CellFacts {
   observed_time: number | null;
 }
 
+/** A message of the stream of events. */
+export interface LiveMessage {
+  kind: "observation" | "anomaly" | "update" | "job" | "location";
+  location: string;
+  id: number;
+  time: string;
+  change?: "created" | "changed" | "deleted";
+  called?: string | null;
+}
+
 /** What is on the screen. */
 export interface FrameMessage {
   time: number;
@@ -128,6 +138,8 @@ export interface Controls {
   "zone-layer": HTMLSelectElement;
   series: HTMLCanvasElement;
   "loading-bar": HTMLProgressElement;
+  "settings-form": HTMLFormElement;
+  "new-form": HTMLFormElement;
 }
 
 /** One cell over time. */
@@ -141,7 +153,8 @@ export interface Series {
 /** What a chart shows. */
 export interface ChartState {
   series: Series;
-  events: Mark[];
+  events: (Mark & { probability: number })[];
+  outliers: [number, number][];
   last: number;
   confidence: number;
   step: number;
@@ -152,6 +165,7 @@ export interface Anomaly {
   start: string;
   stop: string;
   cells: number[];
+  probability: number;
 }
 
 /** A component of a spectrum as the API lists it. */
@@ -160,6 +174,29 @@ export interface Component {
   phase: number;
   period_s: number | null;
   gate: string | null;
+}
+
+/** How well a candidate predicted, as the API answers it. */
+export interface Score {
+  estimator: string;
+  order: number;
+  error: number;
+  brier: number;
+  log_loss: number;
+  n: number;
+}
+
+/** Answers to how well a location is predicted. */
+export interface Evaluation {
+  results: Score[];
+  best: { estimator: string; order: number } | null;
+  reliability: { probability: number; observed: number; n: number }[];
+  horizons: {
+    horizon_s: number;
+    conditioned: { log_loss: number | null; error: number | null };
+    rhythm: { log_loss: number | null; error: number | null };
+    persistence: { log_loss: number | null; error: number | null };
+  }[];
 }
 
 /** The model of a cell as the API answers it. */
@@ -174,12 +211,15 @@ export interface Model {
   mean: number | null;
   components: Component[];
   outliers: [number, number][];
-  selection: { reason: string } | null;
+  accuracy: number | null;
+  compression: { samples: number; history_bytes: number; spectrum_bytes: number };
+  selection: { reason: string; scores: Score[] } | null;
 }
 
 /** As much of a chart of uPlot as is used. */
 export interface Plot {
   ctx: CanvasRenderingContext2D;
+  over: HTMLElement;
   bbox: { left: number; top: number; width: number; height: number };
   cursor: { idx?: number | null };
   select: { left: number; width: number };
@@ -191,6 +231,14 @@ export interface Plot {
 }
 
 declare global {
+  const SwaggerUIBundle: {
+    (how: object): void;
+    presets: { apis: object };
+    SwaggerUIStandalonePreset: object;
+  };
   const uPlot: new (options: object, data: unknown[], host: HTMLElement) => Plot;
-  const htmx: { trigger(target: string, event: string): void };
+  const htmx: {
+    ajax(method: string, address: string, how: { target: string; swap: string }): Promise<void>;
+    defineExtension(name: string, extension: object): void;
+  };
 }

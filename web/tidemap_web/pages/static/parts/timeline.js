@@ -1,6 +1,7 @@
 // The timeline: history and future, ticks in local time, marks of anomalies, and a slider over all of it.
 
 import { colours } from "../core/colours.js";
+import { stepOf, ticksOf } from "../core/ticks.js";
 import { fromLocal, zoneOf } from "../core/time.js";
 import { clockText, dayText, durationText, offsetOf } from "../core/words.js";
 /** @import { State } from "../core/state.js" */
@@ -10,7 +11,6 @@ const DAY = 86400;
 const THUMB = 12;
 const HIT = 6;
 const BAND = 14;
-const STEPS = [60, 300, 900, 3600, 7200, 10800, 21600, 43200, DAY, 2 * DAY, 7 * DAY, 14 * DAY, 28 * DAY, 84 * DAY];
 const MONDAY = 4 * DAY;
 const MIN_SAMPLES = 4;
 
@@ -267,14 +267,11 @@ function drawMark(ctx, event, x, width, c) {
  * @param {string} zone
  */
 function drawTicks(ctx, [low, high], x, c, width, zone) {
-  const step = STEPS.find((s) => (high - low) / s <= Math.max(2, width / 92)) ?? 168 * DAY;
+  const step = stepOf(high - low, Math.max(2, width / 92));
   ctx.font = "11px system-ui, sans-serif";
   ctx.textAlign = "center";
   ctx.textBaseline = "top";
-  for (let local = Math.ceil((low + offsetOf(low, zone) - MONDAY) / step) * step + MONDAY; ; local += step) {
-    const time = fromLocal(local, zone);
-    if (time > high) return;
-    if (time < low) continue;
+  for (const time of ticksOf(low, high, step, zone)) {
     const at = x(time);
     ctx.fillStyle = c.line;
     ctx.fillRect(at, BAND + 12, 1, 6);
