@@ -9,6 +9,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from tests.e2e.test_keys import make_key
+from tests.support.pages import barriers, no_complaints
 from tests.support.server import ServerProcess, StartServer
 from tests.support.viewer import FLOOR, START, WALL, Viewer, cell, color_of, look_around, make_grid, post
 from tidemap.api.auth import RECHECK_S
@@ -211,22 +212,6 @@ def test_a_moment_is_typed_in_words_and_the_timeline_zooms(yard: Yard, page: Pag
     page.wait_for_function(f"({covered}) > {whole / 3}")
 
 
-def test_moments_are_read_in_the_zone_that_is_shown_also_when_clocks_change(yard: Yard, page: Page) -> None:
-    page.goto(f"{yard.url}/view/?location=yard")
-    read = page.evaluate(
-        _READ, [["sun 29 mar", 0], ["29 mar 2:30", 0], ["yesterday 8:00", 0], ["now", 0], ["25:00", 0]]
-    )
-    assert read == [None, 1774747800, 1774684800, 1774780000, None]
-
-
-_READ = """async rows => {
-  const entry = document.querySelector("script[type=module]").src;
-  const { readMoment } = await import(new URL("core/time.js", entry));
-  const at = { shown: 1774780000, now: 1774780000, zone: "Europe/London" };
-  return rows.map(([text]) => readMoment(text, at));
-}"""
-
-
 def test_a_location_that_is_deleted_while_it_is_viewed_goes(server: StartServer, page: Page) -> None:
     process = server(env={"TIDEMAP_UPDATER": "false"})
     for name in ("shed", "yard"):
@@ -277,3 +262,13 @@ document.addEventListener("readystatechange", () => {
   const note = () => window.signs.push(sign.textContent);
   if (sign && document.readyState === "interactive") new MutationObserver(note).observe(sign, { childList: true });
 });"""
+
+
+def test_the_viewer_keeps_nobody_out_and_complains_of_nothing(yard: Yard, page: Page) -> None:
+    with no_complaints(page):
+        for scheme in ("light", "dark"):
+            page.emulate_media(color_scheme=scheme)
+            viewer = Viewer.open(page, yard.url, "yard", MORNING, dim=True)
+            viewer.page.goto(f"{page.url}&cell={cell(SHUT)}")
+            expect(page.locator("#selected-facts")).to_contain_text("[5, 0, 1]")
+            assert barriers(page) == []

@@ -57,12 +57,28 @@ export function mount(state, { embedded, go }) {
     clearTimeout(timer);
     timer = setTimeout(load, QUIET_MS);
   });
+  if (embedded) shareCell(state);
   canvas.addEventListener("pointerdown", (event) => {
     const [low, high] = windowOf(state.values);
     go(low + (event.offsetX / canvas.clientWidth) * (high - low), "push");
   });
   new ResizeObserver(redraw).observe(canvas);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
+}
+
+/**
+ * The page around the viewer shows the same cell; each says what is chosen in it.
+ * @param {State<ViewState>} state
+ */
+function shareCell(state) {
+  const { origin } = window.location;
+  state.subscribe((changed) => {
+    const { cell } = state.values;
+    if (changed.has("cell") && cell !== null) parent.postMessage({ kind: "cell", cell }, origin);
+  });
+  window.addEventListener("message", (event) => {
+    if (event.origin === origin && event.source === parent && event.data?.kind === "cell") state.change({ cell: event.data.cell });
+  });
 }
 
 /**
@@ -83,26 +99,20 @@ function showFacts(view, embedded) {
     ["Centre", `${cell.position_m.join(", ")} m`],
     ["Probability", `${cell.probability.toFixed(3)}, ${VERDICTS[cell.verdict]}`],
     ["Last seen", `${seen}, ${ago}`],
-    ["", linkTo(view.location ?? "", cell, embedded)],
+    ...(embedded ? [] : [linkTo(view.location ?? "", cell)]),
   ]);
 }
 
 /**
  * @param {string} location
  * @param {CellFacts} cell
- * @param {boolean} embedded
+ * @returns {[string, Node]}
  */
-function linkTo(location, cell, embedded) {
+function linkTo(location, cell) {
   const link = document.createElement("a");
   link.href = `/locations/${encodeURIComponent(location)}?cell=${cell.cell}`;
   link.textContent = "over time";
-  if (embedded) {
-    link.addEventListener("click", (event) => {
-      event.preventDefault();
-      parent.postMessage({ kind: "cell", cell: cell.cell }, window.location.origin);
-    });
-  }
-  return link;
+  return ["", link];
 }
 
 /**
