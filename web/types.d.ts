@@ -21,6 +21,7 @@ export interface GridMessage {
   time_zone: string;
   interval_s: number;
   confidence: number;
+  first_update: number;
   shape: number[];
   frame: string;
   resolution_m: number;
@@ -33,8 +34,8 @@ export interface CellFacts {
   cell: number;
   index: number[];
   position_m: number[];
-  probability: number;
-  verdict: "free" | "occupied" | "uncertain";
+  probability: number | null;
+  verdict: "free" | "occupied" | "uncertain" | null;
   observed: number | null;
   observed_time: number | null;
 }

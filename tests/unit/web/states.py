@@ -4,20 +4,17 @@ from collections.abc import Hashable
 from dataclasses import fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tests.support.records import location_record
-from tidemap.errors import LocationNotFoundError, NoModelError
+from tidemap.errors import LocationNotFoundError
 from tidemap.history.history import NEVER, UNOBSERVED
 from tidemap.services.anomalies import Anomaly
 from tidemap.services.context import Loaded, Seen
 from tidemap.services.films import Watch
 from tidemap.services.locations import LocationSummary
-from tidemap.services.map_view import MapQuery, MapView
+from tidemap.services.map_view import MapQuery, MapView, unmodelled
 from tidemap.space.grid import GridGeometry
 from tidemap.spectral.recipe import Recipe
-from tidemap.spectral.spectrum import Spectrum
-from tidemap.storage.records import LocationRecord, RevisionRecord
 
 NOW = 1_800_000_000.0
 DOOR = "door"
@@ -41,42 +38,13 @@ def map_view(
     p[list(probability)] = list(probability.values())
     without = np.where(np.isnan(p), p, np.float32(0.5))
     without[list(mean or {})] = list((mean or {}).values())
-    loaded = Loaded(_revision(), _spectrum(without, record), {})
+    blank = unmodelled(record, np.zeros(0, np.int64))
+    revision = replace(blank.revision, revision=1, recipe=Recipe("fft", 2, "UTC"))
+    loaded = Loaded(revision, replace(blank.spectrum, mean=without), {})
     sighted = Seen(np.full(grid.n_cells, UNOBSERVED, np.uint8), np.full(grid.n_cells, NEVER, np.int64))
     for cell, (state, at) in (seen or {}).items():
         sighted.state[cell], sighted.sample[cell] = state, record.base.sample(at)
     return MapView(record, loaded, time, confidence, p, sighted)
-
-
-def _revision() -> RevisionRecord:
-    return RevisionRecord(
-        location_id=1,
-        revision=1,
-        recipe=Recipe("fft", 2, "UTC"),
-        start=0,
-        stop=1,
-        observation_seq=0,
-        measurements=0,
-        accuracy=None,
-        updated_at=NOW,
-        selection=None,
-    )
-
-
-def _spectrum(mean: NDArray[np.float32], record: LocationRecord) -> Spectrum:
-    """Without waves."""
-    return Spectrum(
-        "identity",
-        0.0,
-        None,
-        frequency_hz=np.zeros(0),
-        gate=np.zeros(0, np.uint8),
-        mean=mean,
-        cell=np.zeros(0, np.int32),
-        index=np.zeros((0, 0), np.uint16),
-        coefficient=np.zeros((0, 0), np.complex64),
-        base=record.base,
-    )
 
 
 def location(name: str, last_time: float | None = NOW, kind: str = "grid3d") -> LocationSummary:
@@ -96,7 +64,7 @@ def location(name: str, last_time: float | None = NOW, kind: str = "grid3d") -> 
 
 
 class FakeSource:
-    """Grids by name; a name in `without_model` has no revision yet."""
+    """Grids by name; what is in `without_model` has no revision yet."""
 
     def __init__(self, *names: str, without_model: tuple[str, ...] = ()) -> None:
         self.locations = {name: location(name) for name in names}
@@ -120,14 +88,18 @@ class FakeSource:
         return name in self.locations or name == DOOR
 
     def view(self, query: MapQuery, like: MapView | None) -> MapView:
-        if query.location in self.without_model:
-            raise NoModelError(query.location)
         self.asked.append(query)
         view = map_view(GRID, PROBABILITY, SEEN, query.time, query.confidence or 0.9)
+        if query.location in self.without_model:
+            unknown = np.full(GRID.n_cells, np.nan, np.float32)
+            return replace(view, loaded=unmodelled(view.location, np.array(sorted(SEEN))), probability=unknown)
         if self._loaded is None:
             self._loaded = view.loaded
         view = replace(view, loaded=self._loaded, location=replace(view.location, name=query.location))
         return view if self.at_hand else replace(view, seen=None)
+
+    def first_update(self) -> int:
+        return 100
 
     def window(self, query: MapQuery) -> Hashable:
         return query.location

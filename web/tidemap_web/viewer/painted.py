@@ -37,7 +37,9 @@ class PaintedView:
 
     def is_known(self, cell: int) -> bool:
         """Whether a cell has been observed."""
-        return cell < self.grid.n_cells and bool(~np.isnan(self.view.probability[cell]))
+        known = self.view.loaded.known
+        row = int(np.searchsorted(known, cell))
+        return row < len(known) and int(known[row]) == cell
 
     def last_seen(self, cell: int) -> tuple[int, float] | None:
         """The state that a cell was last seen in, and when that sample began."""

@@ -102,7 +102,7 @@ class Painter:
     def paint(self, request: ViewRequest, fresh: Fresh | None) -> None:
         """Bring the tab to a request; `fresh` says what is new, None that nothing is known yet.
 
-        Raises LocationNotFoundError, NoModelError.
+        Raises LocationNotFoundError.
         """
         if fresh is None or any("location" in kinds or name not in self._known for name, kinds in fresh.items()):
             self._publish_grids()
@@ -164,7 +164,7 @@ class Painter:
             self._events = self._source.events(location.name, first)
             self._publish(report.events(self._events))
         if other or kinds & ALL_KINDS:
-            self._publish(report.location(location, now))
+            self._publish(report.location(location, now, self._source.first_update()))
 
     def _painted(self, location: LocationSummary, request: ViewRequest, like: MapView | None) -> PaintedView | None:
         """What there is to see; None when nothing has been observed."""

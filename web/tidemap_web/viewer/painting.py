@@ -40,7 +40,7 @@ def row_of(source: int, mark: int, seen: Any, fresh: bool, step: int, p: Any, li
     """The row of a layer's table that a cell has; -1 where the layer does not show it. limits: as rules of `paint`."""
     confidence, free_below, floor = limits
     if source == BY_PROBABILITY:
-        if p < floor:
+        if not p >= floor:  # nor where there is no model, and p is NaN
             return -1
         verdict = 1 if p > confidence else 0 if p < free_below else 2
         return verdict * LEVELS + int(p * np.float32(255) + np.float32(0.5))
@@ -50,7 +50,7 @@ def row_of(source: int, mark: int, seen: Any, fresh: bool, step: int, p: Any, li
         return -1
     if source == BY_AGE:
         return step
-    if source == BY_DIFFERENCE and fresh:
+    if source == BY_DIFFERENCE and fresh and p == p:
         return int((np.float32(seen) - p + np.float32(1)) * np.float32(127.5) + np.float32(0.5))
     return -1
 
@@ -92,7 +92,7 @@ def paint(
         cell = number[i]
         p, seen, at = p_of[cell], state[cell], sample[cell]
         first = second = HIDDEN
-        if p == p and low <= height[i] <= high:
+        if low <= height[i] <= high:
             fresh = seen < 2 and at >= oldest
             mark = mark_of(seen, fresh, p, limits[0])
             wall = dim and always[cell] and p >= WALL

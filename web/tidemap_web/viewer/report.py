@@ -15,7 +15,7 @@ def grids(items: list[LocationSummary]) -> PageMessage:
     return {"kind": "grids", "items": [{"name": item.name, "kind": item.kind} for item in items]}
 
 
-def location(item: LocationSummary, now: float) -> PageMessage:
+def location(item: LocationSummary, now: float, first_update: int) -> PageMessage:
     """The chosen grid and the stretch of its timeline."""
     message: PageMessage = {
         "kind": "location",
@@ -24,6 +24,7 @@ def location(item: LocationSummary, now: float) -> PageMessage:
         "interval_s": item.interval_s,
         "confidence": item.confidence,
         "revision": item.revision,
+        "first_update": first_update,
         "shape": list(item.cells.shape),
         "frame": item.grid.frame if item.grid else None,
         "resolution_m": item.grid.resolution_m if item.grid else None,
@@ -97,15 +98,15 @@ def cell(shown: PaintedView, number: int) -> PageMessage | None:
         "cell": number,
         "index": shown.grid.index([number])[0].tolist(),
         "position_m": [round(float(x), 3) for x in shown.grid.centre([number])[0]],
-        "probability": p,
-        "verdict": VERDICTS[int(verdict(np.float32(p), c))],
+        "probability": None if np.isnan(p) else p,
+        "verdict": None if np.isnan(p) else VERDICTS[int(verdict(np.float32(p), c))],
         "observed": None if seen is None else seen[0],
         "observed_time": None if seen is None else seen[1],
     }
 
 
 def notice(reason: str, detail: str) -> PageMessage:
-    """Why there is nothing to show: no-grids, no-grid, no-observations, no-model, not-found, deleted or error."""
+    """Why there is nothing to show: no-grids, no-grid, no-observations, not-found, deleted or error."""
     return {"kind": "notice", "reason": reason, "detail": detail}
 
 

@@ -4,7 +4,7 @@ import logging
 import threading
 from collections.abc import Callable
 
-from tidemap.errors import DomainError, LocationNotFoundError, NoModelError
+from tidemap.errors import DomainError, LocationNotFoundError
 from tidemap.services.context import Seen
 from tidemap.services.map_view import MapQuery
 from tidemap_web.viewer import report
@@ -141,8 +141,6 @@ class Session:
     def _paint(self, request: ViewRequest, fresh: Fresh | None) -> None:
         try:
             self._painter.paint(request, fresh)
-        except NoModelError as error:
-            self._painter.blank("no-model", str(error))
         except LocationNotFoundError as error:
             self._painter.blank(self._reason(request), str(error))
         except DomainError as error:

@@ -3,7 +3,7 @@
 from collections.abc import Hashable
 from typing import Protocol
 
-from tidemap.errors import LocationNotFoundError
+from tidemap.errors import LocationNotFoundError, NoModelError
 from tidemap.services import anomalies, films, locations, map_view
 from tidemap.services.anomalies import Anomaly
 from tidemap.services.context import Context, Seen
@@ -31,10 +31,11 @@ class Source(Protocol):
         """Whether there is a location of this name, grid or not."""
 
     def view(self, query: MapQuery, like: MapView | None) -> MapView:
-        """The map at a time, by the model of another view where there is one.
+        """The map at a time, by the model of another view where there is one; before the first revision what was last
+        seen, of revision 0 and without probabilities (NaN)."""
 
-        Raises NoModelError before the first revision.
-        """
+    def first_update(self) -> int:
+        """Measurements of a location from which on it has its first update."""
 
     def window(self, query: MapQuery) -> Hashable:
         """Equal for questions whose `load` is the same work."""
@@ -77,7 +78,16 @@ class Services:
 
     def view(self, query: MapQuery, like: MapView | None) -> MapView:
         """The map at a time."""
-        return map_view.map_at(self._ctx, query, like)
+        if like is not None and not like.loaded.revision.revision:
+            like = None  # it knows of the cells that had been seen by its own time
+        try:
+            return map_view.map_at(self._ctx, query, like)
+        except NoModelError:
+            return map_view.observed_at(self._ctx, query)
+
+    def first_update(self) -> int:
+        """As the server's settings say."""
+        return self._ctx.settings.update_samples
 
     def window(self, query: MapQuery) -> Hashable:
         """The film that it needs."""

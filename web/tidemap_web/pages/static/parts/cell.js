@@ -13,7 +13,6 @@ import { windowOf } from "./timeline.js";
 const POINTS = 240;
 const QUIET_MS = 200;
 const STRIP = 7;
-const VERDICTS = { occupied: "occupied", free: "free", uncertain: "uncertain" };
 
 /**
  * @param {State<ViewState>} state
@@ -97,7 +96,7 @@ function showFacts(view, embedded) {
     ["Number", String(cell.cell)],
     ["Index", `[${cell.index.join(", ")}]`],
     ["Centre", `${cell.position_m.join(", ")} m`],
-    ["Probability", `${cell.probability.toFixed(3)}, ${VERDICTS[cell.verdict]}`],
+    ["Probability", cell.probability === null ? "–" : `${cell.probability.toFixed(3)}, ${cell.verdict}`],
     ["Last seen", `${seen}, ${ago}`],
     ...(embedded ? [] : [linkTo(view.location ?? "", cell)]),
   ]);

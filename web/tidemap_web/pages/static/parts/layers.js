@@ -114,7 +114,7 @@ function showFrame({ frame, grid }) {
   for (const id of numbers) {
     for (const part of all(`[data-count=${id}]`)) part.textContent = frame?.[id] ? count(frame[id]) : "";
   }
-  $("model").textContent = frame ? `revision ${frame.revision} (${frame.estimator})` : "";
+  $("model").textContent = frame && grid ? modelText(frame, grid) : "";
   if (frame) for (const part of all(".fresh")) part.textContent = durationText(frame.fresh_s);
   if (frame && grid) pairs($("facts"), factsOf(frame, grid));
   else $("facts").replaceChildren();
@@ -123,11 +123,18 @@ function showFrame({ frame, grid }) {
 /**
  * @param {FrameMessage} frame
  * @param {NonNullable<ViewState["grid"]>} grid
+ */
+const modelText = (frame, grid) =>
+  frame.revision ? `revision ${frame.revision} (${frame.estimator})` : `no model yet: first update at ${count(grid.first_update)} measurements`;
+
+/**
+ * @param {FrameMessage} frame
+ * @param {NonNullable<ViewState["grid"]>} grid
  * @returns {[string, string][]}
  */
 const factsOf = (frame, grid) => [
-  ["Revision", String(frame.revision)],
-  ["Estimator", `${frame.estimator}, order ${frame.order}`],
+  ["Revision", frame.revision ? String(frame.revision) : "–"],
+  ["Estimator", frame.revision ? `${frame.estimator}, order ${frame.order}` : "–"],
   ["Predicted", `${count(frame.predicted)} cells shown`],
   ["Observed", `${count(frame.observed)} cells shown`],
   ["Known", `${count(frame.cells)} cells`],

@@ -184,8 +184,6 @@ function explain({ reason, detail }, name) {
       `curl ${origin}/api/v1/locations --json '${form}'`],
     "no-observations": ["Nothing observed yet", `Post what a robot saw in ${name}; cells are numbers or [i, j, k]:`,
       `curl ${origin}/api/v1/locations/${name}/observations --json '{\n  "observations": [{"time": "…Z", "occupied": [[0, 0, 0]], "free": [[1, 0, 0]]}]}'`],
-    "no-model": ["No model yet", "The history is still short. The server makes a model by itself as it grows; to make one now:",
-      `curl -X POST ${origin}/api/v1/locations/${name}/update --json '{}'`],
     "not-found": ["No such grid", `${detail} Choose another location.`],
     "no-grid": ["Not a grid", `${name} is a state, which has no scene. It has a page of its own: ${origin}/locations/${encodeURIComponent(name)}`],
     deleted: ["This location was deleted", `${name} and all that was known of it have been deleted, or renamed. Choose another location.`],
