@@ -1,15 +1,18 @@
 """The pages for operators in a real browser on a real server."""
 
+import base64
+import io
 import os
 import re
 import subprocess
 import sys
 from datetime import UTC, datetime
-from typing import Literal
+from typing import Any, Literal
 from urllib.parse import parse_qs, urlsplit
 
 import httpx
 import pytest
+from PIL import Image
 from playwright.sync_api import Page, expect
 
 from tests.e2e.test_keys import make_key
@@ -111,7 +114,7 @@ def test_the_range_of_the_chart_is_drawn_in_the_strip_of_the_whole_history(site:
     page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 8)
     page.mouse.down()
     page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 8, steps=4)
-    with page.expect_response(re.compile("/series")) as asked:
+    with page.expect_request(re.compile("/series")) as asked:
         page.mouse.up()
     query = parse_qs(urlsplit(asked.value.url).query)
     days = (float(query["stop"][0]) - float(query["start"][0])) / 86400
@@ -349,3 +352,25 @@ def test_the_rhythms_bars_are_wide_enough_for_a_phone(site: str, page: Page) -> 
     box = page.locator(".meter").first.bounding_box()
     assert box is not None
     assert box["width"] > 200
+
+
+def test_a_scene_is_never_white_while_it_loads(site: str, page: Page) -> None:
+    page.emulate_media(color_scheme="dark")
+    page.goto(f"{site}/nowhere")  # an empty tab is white
+    frames: list[str] = []
+    session = page.context.new_cdp_session(page)
+
+    def keep(frame: dict[str, Any]) -> None:
+        frames.append(frame["data"])
+        session.send("Page.screencastFrameAck", {"sessionId": frame["sessionId"]})
+
+    session.on("Page.screencastFrame", keep)
+    session.send("Page.startScreencast", {"format": "png"})
+    page.goto(f"{site}/view/?location=lab")
+    expect(page.locator("#date")).to_have_text(re.compile("2026"), timeout=60_000)
+    page.frame_locator("#scene").locator("canvas").first.wait_for()
+    page.wait_for_timeout(1000)
+    assert frames
+    for frame in frames:
+        shown = Image.open(io.BytesIO(base64.b64decode(frame))).convert("L").crop((0, 60, 1000, 500))
+        assert sum(shown.histogram()[200:]) < shown.width * shown.height / 20

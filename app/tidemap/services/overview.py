@@ -33,7 +33,6 @@ class Outlook:
     where that is not within a day. becomes: what it is then.
     """
 
-    now: float
     probability_now: float
     verdict: int
     time: NDArray[np.float64]
@@ -117,7 +116,7 @@ def outlook(ctx: Context, model: Fitted, now: float, cell: int = 0) -> Outlook |
         return None
     change = _change(time[half:], p[half:])
     decided = int(verdict(p[half : half + 1], model.location.confidence)[0])
-    return Outlook(now, float(p[half]), decided, time, p, change, int(p[half] <= LIKELY))
+    return Outlook(float(p[half]), decided, time, p, change, int(p[half] <= LIKELY))
 
 
 def _change(time: NDArray[np.float64], p: NDArray[np.float32]) -> float | None:
