@@ -96,7 +96,9 @@ class Scene:
             self._draw_tile(board, side, tile, reshaped)
 
     def show_all(self, board: Board) -> None:
-        """Draw every tile, as in a scene that has just been built."""
+        """Draw every tile, as in a scene that has just been built, or of another board."""
+        for (_, tile), handle in self._tiles.items():
+            handle.visible = tile < board.n_tiles
         for side in range(len(_GRIDS)):
             for tile in range(board.n_tiles):
                 self._draw_tile(board, side, tile, reshaped=True)
