@@ -11,6 +11,7 @@ export interface Span {
 export interface Mark {
   start: number;
   stop: number;
+  observed?: number;
   acknowledged?: boolean;
 }
 
@@ -24,8 +25,8 @@ export interface GridMessage {
   shape: number[];
   frame: string;
   resolution_m: number;
+  origin_m: number[];
   span: Span | null;
-  events: Mark[];
 }
 
 /** The facts of the selected cell. */
@@ -34,6 +35,7 @@ export interface CellFacts {
   index: number[];
   position_m: number[];
   probability: number | null;
+  verdict: "free" | "occupied" | "uncertain" | null;
   observed: number | null;
   observed_time: number | null;
 }
@@ -52,6 +54,9 @@ export interface LiveMessage {
 export interface FrameMessage {
   time: number;
   live: boolean;
+  drawn: boolean;
+  loading: boolean;
+  confidence: number;
   revision: number;
   estimator: string;
   order: number;
@@ -76,13 +81,17 @@ export interface NoticeMessage {
 export interface Handlers {
   grids(message: { items: { name: string; kind: string }[] }): void;
   location(message: GridMessage): void;
+  events(message: { items: Mark[] }): void;
   frame(message: FrameMessage): void;
+  progress(message: { what: string; done: number | null }): void;
+  camera(message: { pose: number[] | null }): void;
+  picked(message: { cell: number | null }): void;
   refused(message: { detail: string }): void;
   notice(message: NoticeMessage): void;
 }
 
-/** What the page wants to see. */
-export interface ViewRequest {
+/** What the viewer shows: what is chosen, what the server has said of it, and what the page does. */
+export interface ViewState {
   location: string | null;
   time: number | null;
   live: boolean;
@@ -90,11 +99,27 @@ export interface ViewRequest {
   order: number | null;
   floor: number;
   dim: boolean;
+  /** Heights that are shown, in grid steps. */
+  low: number | null;
+  high: number | null;
+  layout: "beside" | "overlay" | "difference";
+  predicted: "probability" | "verdict" | "entropy";
+  observed: "seen" | "age";
+  cell: number | null;
+  /** Position and what it looks at, in metres; null: as the server aims it. */
+  camera: number[] | null;
+  zone: "location" | "mine" | "UTC";
+  reach: "day" | "week" | "all" | null;
+  /** What the timeline was zoomed to. */
+  span: [number, number] | null;
+  grid: GridMessage | null;
+  frame: FrameMessage | null;
+  events: Mark[];
+  playing: boolean;
 }
 
 /** The elements of the pages that are no plain ones, by id. */
 export interface Controls {
-  marks: HTMLCanvasElement;
   time: HTMLInputElement;
   scene: HTMLIFrameElement;
   location: HTMLSelectElement;
@@ -106,6 +131,14 @@ export interface Controls {
   speed: HTMLSelectElement;
   cell: HTMLInputElement;
   play: HTMLButtonElement;
+  low: HTMLInputElement;
+  high: HTMLInputElement;
+  typed: HTMLInputElement;
+  "predicted-layer": HTMLSelectElement;
+  "observed-layer": HTMLSelectElement;
+  "zone-layer": HTMLSelectElement;
+  series: HTMLCanvasElement;
+  "loading-bar": HTMLProgressElement;
   "settings-form": HTMLFormElement;
   "new-form": HTMLFormElement;
 }

@@ -110,3 +110,24 @@ def test_what_is_the_same_stays_and_what_is_not_is_changed(module: Page) -> None
     assert (found["focus"], found["checked"]) == ("i", True)
     assert run(module, "core/morph.js", script, after, before)["html"] == before
     assert run(module, "core/morph.js", script, "<b>x</b>", "")["html"] == ""
+
+
+def test_moments_are_read_in_the_zone_that_is_shown_also_when_clocks_change(module: Page) -> None:
+    texts = ["29 mar 2:30", "29 mar 0:30", "yesterday 8:00", "now", "+90 min", "sat", "25:00", "31 feb", "soon"]
+    at = {"shown": 1774780000, "now": 1774783600, "zone": "Europe/London"}  # Sunday 29 March 2026, 11:26 BST
+    said = run(module, "core/time.js", "(texts, at) => texts.map((text) => m.readMoment(text, at))", texts, at)
+    assert said == [1774747800, 1774744200, 1774684800, 1774783600, 1774785400, 1774656000, None, None, None]
+
+
+def test_an_address_says_what_was_chosen_and_nothing_else(module: Page) -> None:
+    view = "{ ...begin, ...m.readAddress(query) }"
+    begin = "const begin = (await import('/core/state.js')).initialView();"
+    script = f"async (query) => {{ {begin} return m.writeAddress({view}, query); }}"
+    for query in (
+        "?location=lab",
+        "?location=lab&time=1772872200.5&confidence=0.8&order=0&cell=121&floor=0.3&layout=overlay&zone=UTC",
+        "?location=lab&walls=coloured&slice=1-2&camera=4%2C-9%2C7.25%2C3%2C0%2C1&fixedDpr=1",
+    ):
+        assert run(module, "core/address.js", script, query) == query
+    unusable = "?location=lab&time=2026-03-07T09:30:00&confidence=2&order=x&cell=-1&layout=heap&camera=1,2"
+    assert run(module, "core/address.js", script, unusable) == "?location=lab"

@@ -150,7 +150,7 @@ def test_all_kinds_of_files_are_read() -> None:
     assert {"viewer.js", "location.js"} <= {path.name for path in SCRIPTS}
     assert {"viewer.html", "location.html"} <= {path.name for path in TEMPLATES}
     assert "location" in identifiers(STATIC / "templates" / "location.html")
-    assert "request" in identifiers(STATIC / "static" / "viewer.js")
+    assert "subscribers" in identifiers(STATIC / "static" / "core" / "state.js")
     assert "interval_s" in identifiers(ROOT / "README.md")
 
 

@@ -65,6 +65,14 @@ state.subscribe((names) => (names.has("cell") || names.has("revision")) && showM
 live.onConnection((since) => since === null && showModel());
 showModel();
 
+// The viewer and the page show the same cell; each says what is chosen in it.
+const viewer = document.querySelector("iframe.viewer");
+const share = () => {
+  if (viewer instanceof HTMLIFrameElement) viewer.contentWindow?.postMessage({ kind: "cell", cell: state.cell }, window.location.origin);
+};
+viewer?.addEventListener("load", share);
+state.subscribe((names) => names.has("cell") && share());
+
 document.getElementById("cell-form")?.addEventListener("submit", (event) => {
   event.preventDefault();
   choose(Number(byId("cell").value));

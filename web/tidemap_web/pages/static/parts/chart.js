@@ -1,5 +1,6 @@
 // Predicted probability and what was observed, over time: a curve, and two strips below it.
 
+import { colours, verdictOf } from "../core/colours.js";
 import { stepOf, tickTexts, ticksOf } from "../core/ticks.js";
 import { timeText, zoneText } from "../core/words.js";
 /** @import { ChartState, Plot, Series } from "../../../../types.d.ts" */
@@ -8,16 +9,6 @@ import { timeText, zoneText } from "../core/words.js";
 const STRIP = 10;
 const ROWS = 3;
 const ANOMALY_MIN_PX = 3;
-
-/** @returns {Record<string, string>} */
-export function colours() {
-  const style = getComputedStyle(document.documentElement);
-  /** @param {string} name */
-  const of = (name) => style.getPropertyValue(`--${name}`).trim();
-  return Object.fromEntries(
-    ["ink", "quiet", "line", "grid", "predicted", "occupied", "free", "anomaly", "future", "paper"].map((n) => [n, of(n)]),
-  );
-}
 
 /**
  * Runs of equal values as [first, past, value].
@@ -46,11 +37,12 @@ function drawStrips(state) {
     const x = (/** @type {number} */ time) => Math.min(bbox.left + bbox.width, Math.max(bbox.left, chart.valToPos(time, "x", true)));
     const row = (/** @type {number} */ index) => bbox.top + bbox.height - (ROWS - index) * (STRIP + 3) * ratio + 2 * ratio;
     ctx.save();
-    for (const [index, values] of [state.series.state, state.series.observed].entries()) {
+    const says = state.series.probability.map((p) => verdictOf(p, state.confidence));
+    for (const [index, values] of [says, state.series.observed].entries()) {
       for (const [first, past, value] of runs(values)) {
         if (value === null) continue;
         const left = x(times[first]);
-        ctx.fillStyle = value ? (index ? c.occupied : c.predicted) : c.free;
+        ctx.fillStyle = [c.free, index ? c.occupied : c.predicted, c.uncertain][value];
         ctx.fillRect(left, row(index), Math.max(ratio, x(times[past - 1] + step) - left), STRIP * ratio);
       }
     }
@@ -157,6 +149,7 @@ export function legendOf(revision) {
     item("dash", c.quiet, "confidence"),
     item("", c.predicted, "first strip: predicted occupied"),
     item("", c.occupied, "second: observed occupied"),
+    item("", c.uncertain, "uncertain"),
     item("", c.free, "free"),
     item("", c.quiet, "third: differs from the prediction"),
     item("", c.anomaly, "anomaly"),
