@@ -1,6 +1,8 @@
 """What a film says was last seen is what a search through history finds, whatever comes in meanwhile."""
 
+from concurrent.futures import ThreadPoolExecutor
 from itertools import count
+from threading import Event, Semaphore
 from typing import Any
 
 import numpy as np
@@ -10,10 +12,12 @@ from hypothesis import strategies as st
 
 from tests.db.test_given import BEGIN, CELLS, MINUTE, SHAPE, STEP, do
 from tests.support.contexts import make_location, opened, post_rows, refit
+from tests.support.waiting import WAIT_S
 from tidemap.history.history import NEVER
 from tidemap.services import films
-from tidemap.services.context import Context, Seen
+from tidemap.services.context import MAX_MAKING, Context, Seen
 from tidemap.services.films import film_key, make_film, seen_at
+from tidemap.services.history import read_backwards
 from tidemap.services.locations import find_location
 from tidemap.services.readings import last_seen
 from tidemap.services.spectra import fitted
@@ -76,6 +80,31 @@ def test_moments_of_one_window_share_a_film_and_it_can_be_given_up(database_url:
         with pytest.raises(InterruptedError):
             make_film(ctx, fitted(ctx, "lab"), BEGIN, _interrupt)
         assert seen_at(ctx, location, BEGIN) is None
+
+
+def test_tabs_that_ask_at_once_share_what_is_made(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    make_location(ctx, "lab", SHAPE, estimator="static")
+    post_rows(ctx, "lab", [(BEGIN, 5, 1)])
+    refit(ctx, "lab")
+    model, read, begun, go_on = fitted(ctx, "lab"), read_backwards, Semaphore(0), Event()
+
+    def slowly(*asked: Any) -> Any:
+        begun.release()
+        assert go_on.wait(WAIT_S)
+        return read(*asked)
+
+    monkeypatch.setattr(films, "read_backwards", slowly)
+    with ThreadPoolExecutor(6) as tabs:
+        looks = [tabs.submit(make_film, ctx, model, BEGIN) for _ in range(6)]
+        for _ in range(MAX_MAKING):
+            assert begun.acquire(timeout=WAIT_S)
+        with pytest.raises(InterruptedError):
+            make_film(ctx, model, BEGIN, _interrupt)  # nobody waits for it any more
+        go_on.set()
+        assert {look.result(WAIT_S).state[5] for look in looks} == {1}
+    chunks_read = MAX_MAKING * model.location.n_chunks
+    others = sum(iter(lambda: begun.acquire(blocking=False), False))
+    assert MAX_MAKING + others == chunks_read
 
 
 def _interrupt(_: float) -> None:

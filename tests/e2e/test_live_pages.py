@@ -93,9 +93,19 @@ def test_a_renamed_location_leads_to_its_page(url: str, page: Page) -> None:
     make_location(url, "old", [0])
     page.goto(f"{url}/locations/old")
     expect(page.locator("#facts")).to_contain_text("Measurements")
-    httpx.patch(f"{url}/api/v1/locations/old", json={"name": "new"}, trust_env=False).raise_for_status()
+    with page.expect_response(lambda answer: answer.url.endswith("/fragments/locations/old") and answer.status == 404):
+        httpx.patch(f"{url}/api/v1/locations/old", json={"name": "new"}, trust_env=False).raise_for_status()
+    expect(page.locator("#notice")).to_contain_text("old is called new now", timeout=WAIT_MS)
+    expect(page.get_by_role("button", name="Save")).to_be_disabled()
     page.locator("#notice a").click(timeout=WAIT_MS)
     expect(page.get_by_role("heading", level=1)).to_contain_text("new")
+
+
+def test_the_list_of_anomalies_follows_what_becomes_of_locations(url: str, page: Page) -> None:
+    page.goto(f"{url}/anomalies")
+    expect(page.locator("#anomalies-table")).to_be_visible()
+    with page.expect_request("**/fragments/anomalies*", timeout=WAIT_MS):
+        make_location(url, "fleeting", [0])
 
 
 def sign_in(context: BrowserContext, url: str, key: str, path: str) -> Page:

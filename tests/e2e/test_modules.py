@@ -129,5 +129,30 @@ def test_an_address_says_what_was_chosen_and_nothing_else(module: Page) -> None:
         "?location=lab&walls=coloured&slice=1-2&camera=4%2C-9%2C7.25%2C3%2C0%2C1&fixedDpr=1",
     ):
         assert run(module, "core/address.js", script, query) == query
+    for time in ("99999999999999999999", "-60000000001", "1e9"):  # nothing that a clock can show
+        assert run(module, "core/address.js", script, f"?location=lab&time={time}") == "?location=lab"
+    cells = run(module, "core/address.js", "(texts) => texts.map(m.cellOf)", ["7", "abc", "", "-1", None])
+    assert cells == [7, None, None, None, None]
     unusable = "?location=lab&time=2026-03-07T09:30:00&confidence=2&order=x&cell=-1&layout=heap&camera=1,2"
     assert run(module, "core/address.js", script, unusable) == "?location=lab"
+
+
+@pytest.mark.parametrize(("status", "said"), [(200, ["lost"]), (404, ["lost", "back"])])
+def test_a_stream_of_what_is_gone_is_not_taken_for_a_lost_connection(
+    module: Page, status: int, said: list[str]
+) -> None:
+    script = """async (status) => {
+      let opened = 0;
+      window.WebSocket = class {
+        constructor() { opened += 1; setTimeout(() => this.onclose({ code: 1006 })); }
+        close() {}
+      };
+      window.fetch = async (address) => ({ status: address === "/api/v1/locations/lab" ? status : 200 });
+      const said = [];
+      await new Promise((resolve) => new m.Live("?location=lab", "/locations/lab").onConnection((since) => {
+        said.push(since === null ? "back" : "lost");
+        setTimeout(resolve, 700);
+      }));
+      return { said, again: opened > 1 };
+    }"""
+    assert run(module, "core/live.js", script, status) == {"said": said, "again": status == 200}

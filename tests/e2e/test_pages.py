@@ -212,7 +212,7 @@ def test_an_operator_acknowledges_one_and_several_with_a_note(server: StartServe
 
 
 def test_a_grid_shows_the_viewer_and_the_chart_of_a_cell(site: str, page: Page) -> None:
-    page.goto(f"{site}/locations/lab")
+    page.goto(f"{site}/locations/lab?cell=abc")
     expect(page.locator("#chart")).to_contain_text("Choose a cell")
     viewer = page.frame_locator("iframe.viewer")
     expect(viewer.locator("#date")).to_have_text("Mon 9 Mar 2026")

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from threading import Lock
+from threading import BoundedSemaphore, Lock
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,9 @@ from tidemap.spectral.spectrum import Spectrum
 from tidemap.storage.records import RevisionRecord
 from tidemap.storage.repositories.observations import Tail
 from tidemap.storage.store import Store
+
+MAX_MAKING = 2
+"""Films that one process makes at a time: each takes memory before the cache bounds it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
@@ -76,6 +79,11 @@ class KeptFilm:
     shown: tuple[int, int, Seen] | None = None
     lock: Lock = field(default_factory=Lock)
 
+    @property
+    def nbytes(self) -> int:
+        """The memory it takes, with what was last seen."""
+        return self.film.nbytes + self.film.state.nbytes + self.film.sample.nbytes
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Caches:
@@ -93,6 +101,7 @@ class Caches:
     buffers: BufferPool[StateBuffer]
     locations: LocationCache = field(default_factory=LocationCache)
     reading_on: Lock = field(default_factory=Lock)
+    filming: BoundedSemaphore = field(default_factory=lambda: BoundedSemaphore(MAX_MAKING))
 
     @classmethod
     def of(cls, settings: Settings) -> "Caches":
@@ -105,7 +114,7 @@ class Caches:
             tails=ByteCache(settings.history_cache_bytes // 2, tail_bytes),
             evidence=ByteCache(settings.reading_cache_bytes, lambda kept: kept.evidence.nbytes),
             surfaces=ByteCache(settings.surface_cache_bytes, lambda surface: surface.nbytes),
-            films=ByteCache(settings.history_cache_bytes, lambda kept: kept.film.nbytes),
+            films=ByteCache(settings.history_cache_bytes, lambda kept: kept.nbytes),
             buffers=BufferPool(settings.answer_cache_bytes),
         )
 

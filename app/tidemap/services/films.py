@@ -27,6 +27,8 @@ MAX_WORDS: Final = 4
 """Words of 64 samples of a film, where it may take as much memory."""
 FILMS: Final = 3
 """Films of one location that find room together."""
+TURN_S: Final = 0.1
+"""How often who waits for a turn looks whether it is still wanted."""
 NOW: Final = "now"
 Watch = Callable[[float], None]
 """Hears which share is done; what it raises ends the work."""
@@ -63,7 +65,16 @@ def film_key(ctx: Context, location: LocationRecord, time: float) -> int | str:
 
 def make_film(ctx: Context, model: Fitted, time: float, watch: Watch = lambda _: None) -> Seen:
     """What `seen_at` has at hand from then on, where the film is small enough to be kept; called before every chunk,
-    `watch` may end it."""
+    and while `MAX_MAKING` others are made, `watch` may end it. Who waited finds what others have made meanwhile."""
+    while not ctx.caches.filming.acquire(timeout=TURN_S):
+        watch(0.0)
+    try:
+        return seen_at(ctx, model.location, time) or _made(ctx, model, time, watch)
+    finally:
+        ctx.caches.filming.release()
+
+
+def _made(ctx: Context, model: Fitted, time: float, watch: Watch) -> Seen:
     location, words = model.location, _words(ctx, model.location)
     key, latest = film_key(ctx, location, time), _latest(location)
     film = Film.blank(location.n_cells, _moving_start(latest, words) if isinstance(key, str) else key, words)

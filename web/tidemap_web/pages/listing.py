@@ -40,7 +40,7 @@ class LocationList:
         sort: Sort = next((each for each in SORTS if each == query.get("sort")), "name")
         number = _whole(query.get("page"))
         return cls(
-            query.get("q", "").strip()[:MAX_SEARCH],
+            _search(query),
             query.get("alarmed") == "yes",
             sort,
             query.get("order") == "down",
@@ -97,7 +97,7 @@ class AnomalyList:
         """
         state: States = next((each for each in STATES if each == query.get("state")), "open")
         return cls(
-            query.get("q", "").strip()[:MAX_SEARCH],
+            _search(query),
             state,
             next((each for each in DAYS if str(each) == query.get("days")), None),
             next((each for each in SURPRISES if str(each) == query.get("surprise")), 0.0),
@@ -117,6 +117,15 @@ class AnomalyList:
         """For an address."""
         said = {"q": self.q, "state": self.state if self.state != "open" else "", "days": self.days or ""}
         return _query(said | {"surprise": self.surprise or "", "before": self.before or ""})
+
+
+def _search(query: Mapping[str, str]) -> str:
+    """What names have to contain; no name has a NUL, which PostgreSQL refuses to look for.
+
+    >>> _search({"q": " la\\0b "}), _search({})
+    ('lab', '')
+    """
+    return query.get("q", "").replace("\0", "").strip()[:MAX_SEARCH]
 
 
 def _query(values: Mapping[str, Any]) -> str:

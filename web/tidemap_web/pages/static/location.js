@@ -2,6 +2,7 @@
 
 import { ask } from "./core/api.js";
 import { Live } from "./core/live.js";
+import { cellOf, momentOf } from "./core/address.js";
 import { LocationState, numberOf } from "./core/location.js";
 import { byId, reason } from "./dom.js";
 import * as anomalies from "./parts/anomalies.js";
@@ -17,9 +18,10 @@ import * as weekmap from "./parts/weekmap.js";
 
 const section = byId("history");
 const state = new LocationState(section.dataset);
-const live = new Live(`?location=${encodeURIComponent(state.name)}`);
+const live = new Live(`?location=${encodeURIComponent(state.name)}`, state.path);
 const asked = new URLSearchParams(window.location.search);
-if (state.isGrid && asked.has("cell")) choose(Number(asked.get("cell")));
+const linked = cellOf(asked.get("cell"));
+if (state.isGrid && linked !== null) choose(linked);
 
 connection.mount(byId("connection"), live);
 changed.mount(byId("notice"), state, live);
@@ -32,8 +34,8 @@ settings.mount(byId("settings-form"), state);
 weekmap.mount(byId("week"), state);
 
 const history = new History(section, byId("chart"), state, live);
-const moment = numberOf(asked.get("time") ?? undefined);
-if (moment === null || Number.isNaN(moment)) history.load();
+const moment = momentOf(asked.get("time"));
+if (moment === null) history.load();
 else history.choose("week", [moment - 43200, moment + 43200]);
 
 /** @param {number} cell */

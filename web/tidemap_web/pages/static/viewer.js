@@ -1,6 +1,7 @@
 // The viewer's page: what is chosen is in its state and address; a session on the server draws the scene.
 
 import { keepAddress, readAddress } from "./core/address.js";
+import { setClock } from "./core/clock.js";
 import { State, initialView } from "./core/state.js";
 import { all } from "./dom.js";
 import { mount as mountCell } from "./parts/cell.js";
@@ -10,7 +11,8 @@ import { mount as mountTimeline } from "./parts/timeline.js";
 import { mount as mountTransport } from "./parts/transport.js";
 /** @import { ViewState } from "../../../types.d.ts" */
 
-const { token = "", scene = "" } = document.body.dataset;
+const { token = "", scene = "", now = "" } = document.body.dataset;
+setClock(Number(now));
 const embedded = document.body.classList.contains("embedded");
 const asked = new URLSearchParams(window.location.search);
 /** @type {State<ViewState>} */

@@ -5,6 +5,7 @@ import { initialView } from "./state.js";
 /** @import { ViewState } from "../../../../types.d.ts" */
 
 const QUIET_MS = 300;
+const FARTHEST = 6e10; // seconds, as the server takes times
 const DEFAULTS = initialView();
 
 /**
@@ -15,7 +16,16 @@ export function momentOf(text) {
   if (!text) return null;
   const zoned = /^\d{4}-\d\d-\d\dT\d\d:\d\d(:\d\d(\.\d+)?)?(Z|[+-]\d\d:?\d\d)$/i.test(text);
   const time = /^-?\d+(\.\d+)?$/.test(text) ? Number(text) : zoned ? Date.parse(text) / 1000 : Number.NaN;
-  return Number.isFinite(time) ? time : null;
+  return Math.abs(time) <= FARTHEST ? time : null;
+}
+
+/**
+ * The number of a cell in an address, null where it is none.
+ * @param {string | null} text
+ */
+export function cellOf(text) {
+  const cell = numberIn(text, 0, 2 ** 40);
+  return cell === null ? null : Math.round(cell);
 }
 
 /**
@@ -51,7 +61,6 @@ export function readAddress(search) {
   const asked = new URLSearchParams(search);
   const time = momentOf(asked.get("time"));
   const [low, high] = (asked.get("slice") ?? "").split("-");
-  const cell = numberIn(asked.get("cell"), 0, 2 ** 40);
   const order = numberIn(asked.get("order"), 0, 64);
   return {
     location: asked.get("location"),
@@ -66,7 +75,7 @@ export function readAddress(search) {
     layout: oneOf(asked.get("layout"), /** @type {const} */ (["beside", "overlay", "difference"])),
     predicted: oneOf(asked.get("predicted"), /** @type {const} */ (["probability", "verdict", "entropy"])),
     observed: oneOf(asked.get("observed"), /** @type {const} */ (["seen", "age"])),
-    cell: cell === null ? null : Math.round(cell),
+    cell: cellOf(asked.get("cell")),
     camera: numbers(asked.get("camera")),
     zone: oneOf(asked.get("zone"), /** @type {const} */ (["location", "mine", "UTC"])),
   };

@@ -1,8 +1,9 @@
 // Questions to the server's HTTP API; errors carry the problem's own words.
 
-/** Go to the sign-in page, and from there back to this one. */
+/** Go to the sign-in page, and from there back to this one: to the whole of it, where this is a frame in a page. */
 export function signIn() {
-  window.location.assign(`/login?next=${encodeURIComponent(window.location.pathname + window.location.search)}`);
+  const { location } = window.top ?? window;
+  location.assign(`/login?next=${encodeURIComponent(location.pathname + location.search)}`);
 }
 
 /**

@@ -10,9 +10,13 @@ const CHECK_MS = 15_000;
 const ANSWER_MS = 5_000;
 
 export class Live {
-  /** @param {string} query what is wanted, such as `?location=lab` */
-  constructor(query = "") {
+  /**
+   * @param {string} query what is wanted, such as `?location=lab`
+   * @param {string} subject what it is about, in the API: where that is gone, there is nothing to connect to
+   */
+  constructor(query = "", subject = "/locations?limit=1") {
     this.address = `${window.location.origin.replace("http", "ws")}/api/v1/events${query}`;
+    this.subject = `/api/v1${subject}`;
     /** @type {number | null} since when there is no connection */
     this.since = null;
     this.tried = 0;
@@ -72,7 +76,9 @@ export class Live {
     this.leave();
     if (this.since === null) this.report(now());
     const pause = PAUSES_MS[Math.min(this.tried++, PAUSES_MS.length - 1)];
-    if (refused) await answers("/api/v1/locations?limit=1").then((status) => status === 401 && signIn());
+    const status = refused ? await answers(this.subject) : 0;
+    if (status === 401) signIn();
+    if (status === 404) return this.report(null); // the server is there, what the page is about is not
     setTimeout(() => this.since !== null && this.socket === null && this.open(), pause);
   }
 

@@ -15,7 +15,8 @@ const TABLE = "anomalies-table";
 export function mount(section, live, location = null) {
   const form = section.querySelector("form[data-acknowledging]");
   if (!(form instanceof HTMLFormElement)) return;
-  fragment.mount(TABLE, live, (message) => message.kind === "anomaly" && (location === null || message.location === location));
+  // Where all are listed, those of a location go with it, or are called by its new name.
+  fragment.mount(TABLE, live, (message) => location === null || message.kind === "anomaly");
   const update = () => showChosen(form, chosen());
   section.addEventListener("change", update);
   document.body.addEventListener("htmx:afterSwap", update);

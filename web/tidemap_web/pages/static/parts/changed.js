@@ -19,11 +19,10 @@ export function mount(notice, state, live) {
   });
   // What happened while there was no connection is noticed when the page asks again.
   document.body.addEventListener("htmx:responseError", (event) => {
-    if (event instanceof CustomEvent && event.detail.xhr.status === 404) gone();
+    if (event instanceof CustomEvent && event.detail.xhr.status === 404 && notice.hidden) gone("was deleted or renamed");
   });
-  function gone() {
-    say(`The location ${state.name} was deleted. What you see is what it was.`, "/", "All locations");
-    for (const control of byId("main").querySelectorAll("button, input, select")) control.setAttribute("disabled", "");
+  function gone(what = "was deleted") {
+    say(`The location ${state.name} ${what}. What you see is what it was.`, "/", "All locations");
   }
   /** @param {string} name */
   function renamed(name) {
@@ -38,6 +37,8 @@ export function mount(notice, state, live) {
     const link = Object.assign(document.createElement("a"), { href: address, textContent: label });
     notice.replaceChildren(`${text} `, link);
     notice.hidden = false;
+    // What is done by the name that it had would fail.
+    for (const control of byId("main").querySelectorAll("button, input, select")) control.setAttribute("disabled", "");
   }
 }
 

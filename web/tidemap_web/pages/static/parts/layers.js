@@ -1,7 +1,7 @@
 // What the scene shows and how: the location, layers, layout and settings, and the legend of what is shown.
 
 import { all, byId as $ } from "../dom.js";
-import { durationText } from "../core/words.js";
+import { countText, durationText } from "../core/words.js";
 /** @import { State } from "../core/state.js" */
 /** @import { FrameMessage, ViewState } from "../../../../types.d.ts" */
 
@@ -105,14 +105,11 @@ function shown(view, when) {
   return (layout === "*" || layout === view.layout) && (layer === "*" || layers.some((each) => each === layer));
 }
 
-/** @param {number} number */
-export const count = (number) => number.toLocaleString("en");
-
 /** @param {ViewState} view */
 function showFrame({ frame, grid }) {
   const numbers = /** @type {const} */ (["unexpected", "missing", "stale"]);
   for (const id of numbers) {
-    for (const part of all(`[data-count=${id}]`)) part.textContent = frame?.[id] ? count(frame[id]) : "";
+    for (const part of all(`[data-count=${id}]`)) part.textContent = frame?.[id] ? countText(frame[id]) : "";
   }
   $("model").textContent = frame && grid ? modelText(frame, grid) : "";
   if (frame) for (const part of all(".fresh")) part.textContent = durationText(frame.fresh_s);
@@ -125,7 +122,7 @@ function showFrame({ frame, grid }) {
  * @param {NonNullable<ViewState["grid"]>} grid
  */
 const modelText = (frame, grid) =>
-  frame.revision ? `revision ${frame.revision} (${frame.estimator})` : `no model yet: first update at ${count(grid.first_update)} measurements`;
+  frame.revision ? `revision ${frame.revision} (${frame.estimator})` : `no model yet: first update at ${countText(grid.first_update)} measurements`;
 
 /**
  * @param {FrameMessage} frame
@@ -135,9 +132,9 @@ const modelText = (frame, grid) =>
 const factsOf = (frame, grid) => [
   ["Revision", frame.revision ? String(frame.revision) : "–"],
   ["Estimator", frame.revision ? `${frame.estimator}, order ${frame.order}` : "–"],
-  ["Predicted", `${count(frame.predicted)} cells shown`],
-  ["Observed", `${count(frame.observed)} cells shown`],
-  ["Known", `${count(frame.cells)} cells`],
+  ["Predicted", `${countText(frame.predicted)} cells shown`],
+  ["Observed", `${countText(frame.observed)} cells shown`],
+  ["Known", `${countText(frame.cells)} cells`],
   ["Grid", `${grid.shape.join(" × ")} of ${grid.resolution_m} m`],
   ["Floor lines", `every ${frame.lines_m} m`],
   ["Frame", grid.frame],

@@ -1,5 +1,9 @@
 // The scene: viser's client in a frame, the socket to the session that draws it, and signs over it.
 
+import { signIn } from "../core/api.js";
+import { now } from "../core/clock.js";
+import { zoneOf } from "../core/time.js";
+import { clockText } from "../core/words.js";
 import { byId as $ } from "../dom.js";
 /** @import { State } from "../core/state.js" */
 /** @import { FrameMessage, GridMessage, Handlers, NoticeMessage, ViewState } from "../../../../types.d.ts" */
@@ -19,6 +23,8 @@ export class SceneView {
     this.token = token;
     this.address = ratio === null ? scene : `${scene}&fixedDpr=${encodeURIComponent(ratio)}`;
     this.tried = 0;
+    /** @type {number | null} since when there is no connection */
+    this.since = null;
     /** @type {WebSocket | null} */
     this.socket = null;
     /** @type {(event: KeyboardEvent) => void} */
@@ -34,6 +40,7 @@ export class SceneView {
     this.socket = new WebSocket(address);
     this.socket.addEventListener("open", () => {
       this.tried = 0;
+      this.since = null;
       this.ask();
       this.select();
       this.pose = "";
@@ -52,12 +59,10 @@ export class SceneView {
   async lost(code) {
     this.tried += 1;
     const status = code === ENDED ? 401 : (await fetch("/view/sessions").catch(() => null))?.status;
-    if (top && (status === 401 || status === 403)) {
-      top.location.assign(`/login?next=${encodeURIComponent(top.location.pathname + top.location.search)}`);
-      return;
-    }
+    if (status === 401 || status === 403) return signIn();
     this.loading(null, null);
-    notice("No connection", "The server does not answer. Trying again …");
+    this.since ??= now();
+    notice("No connection", `The server has not answered since ${clockText(this.since, zoneOf("mine", "UTC"))}. Trying again …`);
     setTimeout(() => this.connect(), Math.min(8000, 500 * 2 ** this.tried));
   }
 

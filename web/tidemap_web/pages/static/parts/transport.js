@@ -1,6 +1,7 @@
 // The transport: the moment in words and as it is typed, steps, playing, anomalies, and the keys for all of them.
 
 import { all, byId as $ } from "../dom.js";
+import { now } from "../core/clock.js";
 import { EXAMPLES, readMoment, zoneOf } from "../core/time.js";
 import { clockText, dateText, durationText, zoneText } from "../core/words.js";
 import { windowOf, zoom } from "./timeline.js";
@@ -123,7 +124,7 @@ export class Transport {
     const { grid, time } = this.state.values;
     if (!grid?.span) return;
     const zone = zoneOf(this.state.values.zone, grid.time_zone);
-    const found = readMoment(text, { shown: time ?? grid.span.last, now: Date.now() / 1000, zone });
+    const found = readMoment(text, { shown: time ?? grid.span.last, now: now(), zone });
     if (found === null) return this.say(`Not understood. Try: ${EXAMPLES}.`);
     if (found < grid.span.first || found > grid.span.stop) this.say("That is outside of what the timeline offers; this is the nearest moment.");
     this.go(found);
