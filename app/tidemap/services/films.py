@@ -27,7 +27,7 @@ MAX_WORDS: Final = 4
 """Words of 64 samples of a film, where it may take as much memory."""
 FILMS: Final = 3
 """Films of one location that find room together."""
-TURN_S: Final = 0.1
+CHECK_S: Final = 0.1
 """How often who waits for a turn looks whether it is still wanted."""
 NOW: Final = "now"
 Watch = Callable[[float], None]
@@ -66,7 +66,7 @@ def film_key(ctx: Context, location: LocationRecord, time: float) -> int | str:
 def make_film(ctx: Context, model: Fitted, time: float, watch: Watch = lambda _: None) -> Seen:
     """What `seen_at` has at hand from then on, where the film is small enough to be kept; called before every chunk,
     and while `MAX_MAKING` others are made, `watch` may end it. Who waited finds what others have made meanwhile."""
-    while not ctx.caches.filming.acquire(timeout=TURN_S):
+    while not ctx.caches.filming.acquire(timeout=CHECK_S):
         watch(0.0)
     try:
         return seen_at(ctx, model.location, time) or _made(ctx, model, time, watch)
