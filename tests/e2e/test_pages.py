@@ -154,6 +154,7 @@ def test_a_new_location_is_made_and_its_first_post_is_seen(site: str, page: Page
     page.get_by_label("Name").fill("cellar")
     page.get_by_role("button", name="Make it").click()
     expect(page.locator("#arrival")).to_contain_text("Waiting")
+    expect(page.locator("#new-form")).to_be_hidden()
     shown = page.locator("pre:visible").first.inner_text()
     done = subprocess.run(["sh", "-ec", shown], env={**os.environ, "NO_PROXY": "*"}, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -226,6 +227,9 @@ def test_a_grid_shows_the_viewer_and_the_chart_of_a_cell(site: str, page: Page) 
     page.get_by_label("Cell", exact=True).fill("50")
     page.get_by_role("button", name="Show").click()
     expect(page.locator("#chart")).to_contain_text("Cell 50 has not been observed")
+    page.goto(f"{site}/locations/lab?cell=121&time=2026-03-05T10:00:00Z")
+    expect(viewer.locator("#date")).to_have_text("Thu 5 Mar 2026")
+    expect(viewer.locator("#clock")).to_have_text("10:00:00")
     expect(page.get_by_role("link", name="Open the viewer alone")).to_have_attribute("href", "/view/?location=lab")
 
 

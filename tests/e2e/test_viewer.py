@@ -1,5 +1,7 @@
 """The 3D viewer in a real browser on a real server: what it shows, in exact colours, and what hands can do."""
 
+import os
+import subprocess
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
@@ -181,7 +183,13 @@ def test_without_a_grid_it_says_what_to_do_and_before_a_model_it_shows_what_was_
     process = server(env={"TIDEMAP_UPDATER": "false"})
     page.goto(f"{process.url}/view/")
     expect(page.locator("#notice-title")).to_have_text("No grid yet")
-    expect(page.locator("#notice-code")).to_contain_text(f"curl {process.url}/api/v1/locations")
+    expect(page.locator("#slice")).to_be_hidden()
+    for then in ("Nothing observed yet", None):
+        shown = page.locator("#notice-code").inner_text()
+        subprocess.run(["sh", "-ec", shown], env=os.environ | {"NO_PROXY": "*"}, check=True)
+        if then is not None:
+            expect(page.locator("#notice-title")).to_have_text(then)
+    expect(page.locator("#notice")).to_be_hidden()
 
     post(
         process.url,

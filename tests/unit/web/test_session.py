@@ -169,8 +169,20 @@ def test_a_new_location_appears_in_the_list(page: Page) -> None:
         session.ask(ViewRequest())
         page.last("frame")
         source.locations["yard"] = location("yard")
-        session.notify(SEEN_THERE["yard"])
+        session.notify({"yard": frozenset({"location"})})
         page.last("grids", lambda grids: len(grids["items"]) == 2)
+
+
+def test_posts_to_doors_have_no_grids_listed_anew(page: Page) -> None:
+    source = FakeSource("lab")
+    with running(source, page) as session:
+        session.ask(ViewRequest(location="lab"))
+        page.last("frame")
+        page.told.clear()
+        session.notify({DOOR: frozenset({"observation"})})
+        session.notify(SEEN_THERE["lab"])
+        page.last("frame")
+        assert "grids" not in {message["kind"] for message in page.told}
 
 
 def test_it_says_why_there_is_nothing_to_see(page: Page) -> None:

@@ -91,7 +91,7 @@ class Painter:
 
     def concerned(self, fresh: Fresh) -> bool:
         """Whether news can change what the tab shows; asked from other threads."""
-        if any("location" in kinds or name not in self._known for name, kinds in fresh.items()):
+        if any("location" in kinds for kinds in fresh.values()):
             return True
         return bool(fresh.get(self._location or "", frozenset()) & ALL_KINDS)
 
@@ -104,7 +104,7 @@ class Painter:
 
         Raises LocationNotFoundError.
         """
-        if fresh is None or any("location" in kinds or name not in self._known for name, kinds in fresh.items()):
+        if fresh is None or any("location" in kinds for kinds in fresh.values()):
             self._publish_grids()
         name = request.location or next((grid.name for grid in self._source.grids()), None)
         if name is None:

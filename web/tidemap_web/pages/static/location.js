@@ -69,10 +69,11 @@ showModel();
 
 // The viewer and the page show the same cell; each says what is chosen in it.
 const viewer = document.querySelector("iframe.viewer");
-const share = () => {
-  if (viewer instanceof HTMLIFrameElement) viewer.contentWindow?.postMessage({ kind: "cell", cell: state.cell }, window.location.origin);
+/** @param {{ time?: number }} also the moment that the page begins with, where its address has one */
+const share = (also = {}) => {
+  if (viewer instanceof HTMLIFrameElement) viewer.contentWindow?.postMessage({ kind: "cell", cell: state.cell, ...also }, window.location.origin);
 };
-viewer?.addEventListener("load", share);
+viewer?.addEventListener("load", () => share(moment === null ? {} : { time: moment }));
 state.subscribe((names) => names.has("cell") && share());
 
 document.getElementById("cell-form")?.addEventListener("submit", (event) => {

@@ -11,13 +11,13 @@ import { mount as mountTimeline } from "./parts/timeline.js";
 import { mount as mountTransport } from "./parts/transport.js";
 /** @import { ViewState } from "../../../types.d.ts" */
 
-const { token = "", scene = "", now = "" } = document.body.dataset;
+const { token = "", scene = "", now = "", keyed } = document.body.dataset;
 setClock(Number(now));
 const embedded = document.body.classList.contains("embedded");
 const asked = new URLSearchParams(window.location.search);
 /** @type {State<ViewState>} */
 const state = new State({ ...initialView(), ...readAddress(window.location.search) });
-const view = new SceneView(state, { token, scene, ratio: asked.get("fixedDpr") });
+const view = new SceneView(state, { token, scene, ratio: asked.get("fixedDpr"), keyed: keyed !== undefined });
 const aim = (/** @type {"slanted" | "above"} */ from) => view.aim(from);
 keepAddress(state);
 mountLayers(state, aim);

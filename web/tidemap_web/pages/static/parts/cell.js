@@ -76,7 +76,9 @@ function shareCell(state) {
     if (changed.has("cell") && cell !== null) parent.postMessage({ kind: "cell", cell }, origin);
   });
   window.addEventListener("message", (event) => {
-    if (event.origin === origin && event.source === parent && event.data?.kind === "cell") state.change({ cell: event.data.cell });
+    if (event.origin !== origin || event.source !== parent || event.data?.kind !== "cell") return;
+    const { cell, time } = event.data;
+    state.change({ cell, ...(time === undefined ? {} : { time, live: false }) });
   });
 }
 

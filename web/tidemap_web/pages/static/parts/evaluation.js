@@ -89,8 +89,7 @@ function lines(results, value, name) {
     const own = results.filter((score) => score.estimator === estimator).sort((a, b) => a.order - b.order);
     if (!own.length) continue;
     made.append(svg("path", { class: `line ${estimator}`, d: own.map((each, i) => `${i ? "L" : "M"}${x(each.order)} ${y(value(each))}`).join("") }));
-    const last = own[own.length - 1];
-    made.append(svg("text", { class: "of", x: WIDTH - 12, y: y(value(last)) - 5 }, estimator));
+    made.append(svg("text", { class: `of ${estimator}`, x: WIDTH - 12, y: 18 + 14 * ESTIMATORS.indexOf(estimator) }, estimator));
     for (const each of own) {
       made.append(svg("circle", { cx: x(each.order), cy: y(value(each)), r: 3, class: estimator },
         svg("title", {}, `${estimator} of order ${each.order}: ${name} ${value(each).toFixed(3)}`)));

@@ -16,10 +16,11 @@ const REQUEST = /** @type {const} */ ([
 export class SceneView {
   /**
    * @param {State<ViewState>} state
-   * @param {{ token: string, scene: string, ratio: string | null }} how
+   * @param {{ token: string, scene: string, ratio: string | null, keyed: boolean }} how
    */
-  constructor(state, { token, scene, ratio }) {
+  constructor(state, { token, scene, ratio, keyed }) {
     this.state = state;
+    this.keyed = keyed;
     this.token = token;
     this.address = ratio === null ? scene : `${scene}&fixedDpr=${encodeURIComponent(ratio)}`;
     this.tried = 0;
@@ -152,7 +153,7 @@ export class SceneView {
     notice: (message) => {
       this.loading(null, null);
       this.state.change({ frame: null, playing: false });
-      explain(message, this.state.values.location ?? "lab");
+      explain(message, this.state.values.location ?? "lab", this.keyed);
     },
   };
 
@@ -179,16 +180,18 @@ function notice(title, text, code = "") {
 /**
  * @param {NoticeMessage} message
  * @param {string} name
+ * @param {boolean} keyed whether the server wants keys
  */
-function explain({ reason, detail }, name) {
+function explain({ reason, detail }, name, keyed) {
   const origin = window.location.origin;
-  const form = `{"name": "lab", "kind": "grid3d", "interval_s": 300, "time_zone": "Europe/London",\n  "grid": {"resolution_m": 0.2, "shape": [60, 40, 12]}}`;
+  const curl = (/** @type {string} */ path) =>
+    `curl ${origin}/api/v1/locations${path} \\\n${keyed ? '  -H "Authorization: Bearer $TIDEMAP_KEY" \\\n' : ""}  --json`;
   /** @type {Record<string, [string, string, string?]>} */
   const said = {
     "no-grids": ["No grid yet", "The viewer shows locations of kind grid2d and grid3d. Make one, or run “tidemap demo”:",
-      `curl ${origin}/api/v1/locations --json '${form}'`],
-    "no-observations": ["Nothing observed yet", `Post what a robot saw in ${name}; cells are numbers or [i, j, k]:`,
-      `curl ${origin}/api/v1/locations/${name}/observations --json '{\n  "observations": [{"time": "…Z", "occupied": [[0, 0, 0]], "free": [[1, 0, 0]]}]}'`],
+      `${curl("")} '{"name": "lab", "kind": "grid3d",\n  "interval_s": 300, "time_zone": "Europe/London",\n  "grid": {"resolution_m": 0.2, "shape": [60, 40, 12]}}'`],
+    "no-observations": ["Nothing observed yet", `Post what a robot saw in ${name}; cells are numbers or indices such as [1, 0, 0]:`,
+      `${curl(`/${encodeURIComponent(name)}/observations`)} "{\\"observations\\": [{\n  \\"time\\": $(date +%s), \\"occupied\\": [0], \\"free\\": [1, 2]}]}"`],
     "not-found": ["No such grid", `${detail} Choose another location.`],
     "no-grid": ["Not a grid", `${name} is a state, which has no scene. It has a page of its own: ${origin}/locations/${encodeURIComponent(name)}`],
     deleted: ["This location was deleted", `${name} and all that was known of it have been deleted, or renamed. Choose another location.`],
