@@ -27,8 +27,9 @@ from tidemap.spectral.belief import Beliefs
 from tidemap.spectral.conditioning import UNLEARNED, Evidence
 from tidemap.spectral.detection import ReadCells, learn_detector
 from tidemap.spectral.model import add, reconstruct, update
-from tidemap.spectral.prediction import StateColumns, predict, predict_readings, predict_times, write_waves
+from tidemap.spectral.prediction import predict, predict_readings, predict_times
 from tidemap.spectral.spectrum import Spectrum
+from tidemap.spectral.state_columns import StateColumns, Waves, write_conditioned, write_waves
 from tidemap.storage.blobs import pack_measurements, pack_segment, unpack_measurements, unpack_segment
 
 COMPRESSED = (
@@ -114,6 +115,8 @@ def _fit_and_ask() -> None:
             n = spectrum.n_cells
             answer = StateColumns(np.zeros(n, np.float32), np.zeros(n, np.uint8), np.zeros(n, np.uint8))
             write_waves(spectrum, 0.0, 0.5, spectrum.cell, answer)
+            waves = Waves.of(spectrum, spectrum.cell, 0.0)
+            write_conditioned(waves, answer.probability.copy(), lambda _, p, out: np.copyto(out, p), 0.5, answer)
             predict_times(spectrum, [0.0, 1.0])
             surprising(spectrum, 0.0, np.zeros(1, np.uint32), np.zeros(1, np.uint8), 0.9)
             reconstruct(replace(model, spectrum=spectrum))

@@ -100,6 +100,17 @@ class Beliefs:
         age = np.take(self.age, rows, axis=1)
         return Beliefs(self.detector, self.signed[rows], self.sample[rows], self.p[rows], age)
 
+    def part(self, rows: slice) -> "Beliefs":
+        """Those of neighbouring rows, as far as that goes as views."""
+        age = np.ascontiguousarray(self.age[:, rows])
+        return Beliefs(self.detector, self.signed[rows], self.sample[rows], self.p[rows], age)
+
+    def without(self, rows: NDArray[np.int64]) -> "Beliefs":
+        """A copy in which nothing is believed of some rows."""
+        signed = self.signed.copy()
+        signed[rows] = np.nan
+        return Beliefs(self.detector, signed, self.sample, self.p, self.age)
+
     def put(self, rows: NDArray[np.int64], other: "Beliefs") -> None:
         """In place: those of some rows."""
         self.signed[rows], self.sample[rows], self.p[rows] = other.signed, other.sample, other.p
@@ -125,10 +136,17 @@ class Beliefs:
         return moved
 
     def condition(
-        self, p: NDArray[np.float32], sample: NDArray[np.int64], standing: Standing = NOT_HELD
+        self,
+        p: NDArray[np.float32],
+        sample: NDArray[np.int64],
+        standing: Standing = NOT_HELD,
+        out: NDArray[np.float32] | None = None,
     ) -> NDArray[np.float32]:
-        """p (n, m) of these cells in samples (m,), given the readings of the same sample or earlier ones."""
-        out = np.empty(p.shape, np.float32)
+        """p (n, m) of these cells in samples (m,), given the readings of the same sample or earlier ones.
+
+        Written to `out` (n, m) where that is given.
+        """
+        out = np.empty(p.shape, np.float32) if out is None else out
         sensor, log_kept = self.detector.sensor, self.detector.durations.log_kept
         rhythm = sensor.state_probability(p).astype(np.float32)
         now = (self.signed, self.sample, self.p, self.age)

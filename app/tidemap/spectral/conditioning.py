@@ -6,7 +6,7 @@ odds(t | s0 = 0) = odds p(t) / (1 + g) with g = r / ((1 - r) · q), where q is p
 """
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +18,13 @@ MAX_KEPT: Final = 0.9995
 """The most that r may be: no reading is certain for ever."""
 MIN_PROBABILITY: Final = 1e-4
 """The least that the rhythm may believe of a state that was read, and of one that is asked for."""
+BLOCK: Final = 1 << 12
+"""Cells that are conditioned at a time."""
+MAX_SLOTS: Final = 1 << 10
+"""Samples with an age whose persistence is known at a time; a power of two."""
+HASH_FACTORS: Final = (0x9E3779B1, 0x85EBCA77)
+HASH_SHIFT: Final = 20
+"""Factors and a shift under which samples and ages near each other get slots of their own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +102,16 @@ class Evidence:
         """That of some rows, in any order; a copy."""
         return Evidence(self.state[rows], self.sample[rows], self.age[rows], self.q[rows])
 
+    def part(self, rows: slice) -> "Evidence":
+        """That of neighbouring rows, as views."""
+        return Evidence(self.state[rows], self.sample[rows], self.age[rows], self.q[rows])
+
+    def without(self, rows: NDArray[np.int64]) -> "Evidence":
+        """A copy in which some rows say nothing."""
+        state = self.state.copy()
+        state[rows] = UNOBSERVED
+        return Evidence(state, self.sample, self.age, self.q)
+
     def replaced(self, rows: NDArray[np.int64], other: "Evidence") -> "Evidence":
         """A copy with that of `other` in some rows."""
         copy = Evidence(self.state.copy(), self.sample.copy(), self.age.copy(), self.q.copy())
@@ -112,14 +129,18 @@ class Evidence:
         interval_s: float,
         persistence: Persistence,
         standing: Standing = Standing(),
+        out: NDArray[np.float32] | None = None,
     ) -> NDArray[np.float32]:
-        """p (n, m) of these cells in samples (m,), given the readings of the same sample or earlier ones."""
-        out = np.empty(p.shape[::-1], np.float32)
+        """p (n, m) of these cells in samples (m,), given the readings of the same sample or earlier ones.
+
+        Written to `out` where that is given: (n, m) in Fortran order.
+        """
+        found = np.empty(p.shape[::-1], np.float32) if out is None else out.T
         learned = (persistence.nu, persistence.tau_s, persistence.alpha, persistence.kappa)
         scale = (interval_s, standing.hold, standing.limit)
         read = (self.state, self.sample, self.age, self.q)
-        _condition(np.ascontiguousarray(p.T), *read, np.ascontiguousarray(sample), scale, learned, out)
-        return out.T
+        _condition(np.ascontiguousarray(p.T), *read, np.ascontiguousarray(sample), scale, learned, found)
+        return found.T
 
 
 def condition(p: ArrayLike, q: ArrayLike, state: ArrayLike, kept: ArrayLike) -> NDArray[np.float64]:
@@ -153,24 +174,67 @@ def _condition(
     learned: tuple[float, float, float, float],
     out: NDArray[np.float32],
 ) -> None:
-    """out (m, n): `condition` of p (m, n). Neighbours are often read alike: what is kept of them is computed once."""
-    first = 0
-    while first < state.size:
-        last = first + 1
-        while last < state.size and read[last] == read[first] and age[last] == age[first]:
-            last += 1
-        for row in range(asked.size):
-            if asked[row] < read[first]:
-                out[row, first:last] = p[row, first:last]
-            else:
-                lasted = _lasted(read[first], age[first], asked[row], scale, learned)
-                _condition_alike(p[row], state, q, first, last, lasted, out[row])
-        first = last
+    """out (m, n): `condition` of p (m, n); a block of cells at a time, without branches, several at once.
+
+    An index without a sign cannot count from the end: to look for that would take twice as long.
+    """
+    lasted = np.empty(min(BLOCK, state.size), np.float32)
+    n_slots = 1
+    while 2 * n_slots <= min(MAX_SLOTS, state.size):
+        n_slots *= 2
+    slots = (np.empty(n_slots, np.int64), np.empty(n_slots, np.int64), np.empty(n_slots, np.float32))
+    for row in range(asked.size):
+        slots[1][:] = -1
+        for first in range(0, state.size, BLOCK):
+            last = min(first + BLOCK, state.size)
+            _fill_lasted(read[first:last], age[first:last], asked[row], scale, learned, slots, lasted)
+            for i in range(np.uint64(first), np.uint64(last)):
+                out[row, i] = _conditioned(p[row, i], state[i], q[i], lasted[i - np.uint64(first)])
+
+
+@kernel
+def _conditioned(p: Any, state: Any, q: Any, lasted: Any) -> Any:
+    """The one formula of `condition`, of one cell in float32; p itself where nothing was read before."""
+    least, most, one = np.float32(MIN_PROBABILITY), np.float32(1 - MIN_PROBABILITY), np.float32(1)
+    bounded = least if p < least else (most if p > most else p)
+    likely = least if q < least else q
+    own = bounded if state == 1 else one - bounded
+    given = own * (likely + lasted) / (likely + own * lasted)
+    known = given if state == 1 else one - given
+    return p if (state == UNOBSERVED) | (lasted < np.float32(0)) else known
+
+
+@kernel
+def _fill_lasted(
+    read: NDArray[np.int64],
+    age: NDArray[np.uint32],
+    asked: int,
+    scale: tuple[float, int, int],
+    learned: tuple[float, float, float, float],
+    slots: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float32]],
+    out: NDArray[np.float32],
+) -> None:
+    """out (n,): `_lasted` of every reading, -1 of those that are later than what is asked for.
+
+    Many are read alike, neighbours above all: slots hold what is known of some samples and ages.
+    """
+    known_read, known_age, known = slots
+    last_read, last_age, value = np.int64(0), np.int64(-1), np.float32(-1)
+    for i in range(read.size):
+        if read[i] != last_read or age[i] != last_age:
+            last_read, last_age = read[i], np.int64(age[i])
+            slot = ((last_read * HASH_FACTORS[0] + last_age * HASH_FACTORS[1]) >> HASH_SHIFT) & (known.size - 1)
+            if known_age[slot] != last_age or known_read[slot] != last_read:
+                known_read[slot], known_age[slot] = last_read, last_age
+                later = asked < last_read
+                known[slot] = -1 if later else _lasted(last_read, last_age, asked, scale, learned)
+            value = known[slot]
+        out[i] = value
 
 
 @kernel
 def _lasted(
-    read: int, age: int, asked: int, scale: tuple[float, int, int], learned: tuple[float, float, float, float]
+    read: int, age: Any, asked: int, scale: tuple[float, int, int], learned: tuple[float, float, float, float]
 ) -> float:
     """r / (1 - r) of a reading in a sample that is asked for."""
     interval_s, hold, limit = scale
@@ -179,28 +243,3 @@ def _lasted(
     span = tau_s + kappa * (age + until - read) * interval_s
     kept = min(MAX_KEPT, nu * (span / (span + max(0, asked - until) * interval_s)) ** alpha)
     return float(kept / (1 - kept))
-
-
-@kernel
-def _condition_alike(
-    p: NDArray[np.float32],
-    state: NDArray[np.uint8],
-    q: NDArray[np.float32],
-    first: int,
-    last: int,
-    lasted: float,
-    out: NDArray[np.float32],
-) -> None:
-    """Cells [first, last), read in the same sample after the same time; without branches, several at once.
-
-    An index without a sign cannot count from the end: to look for that would take twice as long.
-    """
-    least, most = np.float32(MIN_PROBABILITY), np.float32(1 - MIN_PROBABILITY)
-    one, much = np.float32(1), np.float32(lasted)
-    for i in range(np.uint64(first), np.uint64(last)):
-        bounded = least if p[i] < least else (most if p[i] > most else p[i])
-        likely = least if q[i] < least else q[i]
-        own = bounded if state[i] == 1 else one - bounded
-        given = own * (likely + much) / (likely + own * much)
-        known = given if state[i] == 1 else one - given
-        out[i] = p[i] if state[i] == UNOBSERVED else known

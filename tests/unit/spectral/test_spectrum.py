@@ -17,7 +17,6 @@ from tidemap.spectral import prediction, reconstruction
 from tidemap.spectral.civil import civil_seconds
 from tidemap.spectral.estimators import fit
 from tidemap.spectral.prediction import (
-    StateColumns,
     entropy,
     predict,
     predict_slow,
@@ -25,9 +24,9 @@ from tidemap.spectral.prediction import (
     probability,
     state,
     verdict,
-    write_waves,
 )
 from tidemap.spectral.spectrum import Link, Spectrum, components, concatenate, select, truncate
+from tidemap.spectral.state_columns import StateColumns, write_waves
 
 BASE = TimeBase(epoch=1.7e9, interval_s=300.0)
 BOUND = 2e-5
