@@ -42,7 +42,7 @@ class Known:
         """The model's p (n, m) at times (m,), conditioned where a time is later than a cell's reading."""
         found = self._conditioned(probability, self.model.location.base.sample(time))
         row, column = self._read_later(time)
-        found[row, column] = probability[row, column]
+        found[row, column] = self.evidence.unread(probability[row, column])
         return found
 
     def conditioning(self, time: float) -> Conditioning:
@@ -117,9 +117,11 @@ def known_at(ctx: Context, model: Fitted, cells: NDArray[np.int64], moment: floa
 
 def _found(ctx: Context, model: Fitted, cells: NDArray[np.int64], moment: float) -> KeptEvidence:
     """What history says of some cells at a moment."""
-    detector = detector_of(model)
+    detector, first = detector_of(model), model.location.first_time
     if detector is not None:
-        return beliefs_at(ctx, model, cells, moment, Beliefs.none(len(cells), detector))
+        nothing = Beliefs.none(len(cells), detector)
+        early = first is None or moment < first
+        return KeptEvidence(nothing, []) if early else beliefs_at(ctx, model, cells, moment, nothing)
     readings = readings_at(ctx, model.location, moment, cells)
     runs = readings.runs
     age = np.where(readings.known, runs.sample - np.where(readings.known, runs.begin, 0) + 1, 0)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from tidemap.errors import InvalidInputError
 from tidemap.formats.table import Column
 from tidemap.history.history import NEVER
+from tidemap.services.beliefs import detector_of
 from tidemap.services.buffer_pool import BufferLease
 from tidemap.services.context import Context
 from tidemap.services.given import Given, Known, known_at
@@ -99,9 +100,11 @@ class Asked:
 
     @property
     def conditioned(self) -> bool:
-        """Whether some reading may say something: none does before the first one, or as of an earlier moment."""
+        """Whether the answer may differ from the model's p: no reading says anything before the first one, or as of an
+        earlier moment, but where a sensor errs a state is asked for, and p is about readings."""
         first = self.model.location.first_time
-        return self.query.given == "observations" and first is not None and min(self.query.time, self.as_of) >= first
+        read = first is not None and min(self.query.time, self.as_of) >= first
+        return self.query.given == "observations" and (read or detector_of(self.model) is not None)
 
     def readings_version(self) -> tuple[object, ...] | None:
         """What changes whenever other readings are used, or used otherwise; None where none are.
@@ -153,7 +156,7 @@ def view_of(ctx: Context, asked: Asked) -> StateView:
     query, model, location = asked.query, asked.model, asked.model.location
     cell, probability = _asked_for(ctx, asked)
     known = _known_at(ctx, asked, cell)
-    if known is not None and query.given == "observations":
+    if known is not None and asked.conditioned:
         probability = known.at(probability, query.time)
     seen = observed_at(ctx, model, cell, query.time) if query.observed else None
     damaged = (*(() if seen is None else seen.damaged), *(() if known is None else known.damaged))
@@ -228,7 +231,7 @@ def grid_of(ctx: Context, asked: Asked) -> NDArray[np.float32]:
     grid = np.full(spectrum.n_cells, np.nan, np.float32)
     cell, probability = _asked_for(ctx, asked)
     known = _known_at(ctx, asked, cell)
-    grid[cell] = probability if known is None else known.at(probability, asked.query.time)
+    grid[cell] = known.at(probability, asked.query.time) if known is not None and asked.conditioned else probability
     return grid.reshape(shape)
 
 

@@ -131,6 +131,7 @@ def _believe(history: History, spectrum: Spectrum, base: TimeBase) -> None:
     detector = learn_detector(ReadCells(sequences, p.astype(np.float64)), base.interval_s)
     beliefs = Beliefs.none(history.n_cells, detector).filtered(sequences, p)
     beliefs.condition(np.full((history.n_cells, 1), 0.5, np.float32), np.array([200]))
+    beliefs.traced(sequences, p).ahead(p, sequences.sample, 1, 0)
 
 
 def _read_only(array: NDArray[Any]) -> NDArray[Any]:

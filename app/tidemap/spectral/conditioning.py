@@ -119,6 +119,10 @@ class Evidence:
             mine[rows] = new
         return copy
 
+    def unread(self, p: NDArray[np.float32]) -> NDArray[np.float32]:
+        """What `condition` says where nothing was read: the model's p itself."""
+        return p
+
     def _columns(self) -> tuple[NDArray[np.generic], ...]:
         return self.state, self.sample, self.age, self.q
 
