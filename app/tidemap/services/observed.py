@@ -14,7 +14,7 @@ from tidemap.services.context import Context, KeptEvidence
 from tidemap.services.given import kept_evidence
 from tidemap.services.history import window
 from tidemap.services.readings import LastSeen, last_seen
-from tidemap.services.spectra import Fitted, fitted
+from tidemap.services.spectra import Fitted, fitted, held_fit
 from tidemap.spectral.conditioning import EVIDENCE_BYTES, Evidence
 
 
@@ -69,7 +69,8 @@ def _kept(ctx: Context, model: Fitted, cells: NDArray[np.int64], sample: int) ->
     if not ctx.caches.evidence.takes(EVIDENCE_BYTES * len(cells)):
         return None
     # The location as it was when the question began: what came in since is for the next one.
-    return kept_evidence(ctx, Fitted(model.location, fitted(ctx, model.location.name).loaded), cells)
+    own = held_fit(ctx, model.location) or fitted(ctx, model.location.name).loaded
+    return kept_evidence(ctx, Fitted(model.location, own), cells)
 
 
 def _first_sample(ctx: Context, model: Fitted) -> int:

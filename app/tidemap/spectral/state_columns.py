@@ -15,7 +15,7 @@ BLOCK: Final = 1 << 15
 """Cells with waves that are answered at a time, so that their values stay in the processor's cache."""
 CONDITIONED: Final = 1 << 18
 """Cells that are conditioned at a time, likewise."""
-CONDITIONING: Final = 4
+CONDITIONING: Final = 2
 """Coefficients that take as long as to condition one cell."""
 
 Conditioning = Callable[[slice, NDArray[np.float32], NDArray[np.float32]], object]
