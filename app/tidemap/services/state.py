@@ -206,9 +206,9 @@ def buffer_of(ctx: Context, asked: Asked) -> BufferedState | None:
 
 
 def _leased(ctx: Context, asked: Asked, seen: MapSeen | None) -> BufferLease[StateBuffer]:
-    """A buffer whose columns of what was last seen are right; what is conditioned has buffers of its own."""
+    """A buffer whose columns of what was last seen are right, where it is to have them."""
     model, confidence = asked.model, asked.confidence
-    key = (model.location.id, model.revision.recipe, confidence, asked.conditioned, seen is None)
+    key = (model.location.id, model.revision.recipe, confidence, seen is None)
     version = (ref(model.loaded), None if seen is None else seen.version)
 
     def make() -> StateBuffer:

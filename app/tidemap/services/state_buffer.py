@@ -14,24 +14,32 @@ from tidemap.history.history import UNOBSERVED
 from tidemap.spectral.prediction import VERDICTS, known, state, verdict
 from tidemap.spectral.prediction import probability as on_link
 from tidemap.spectral.spectrum import Spectrum
-from tidemap.spectral.state_columns import Conditioning, StateColumns, Waves, write_conditioned, write_waves
+from tidemap.spectral.state_columns import (
+    Conditioning,
+    StateColumns,
+    Waves,
+    write_conditioned,
+    write_states,
+    write_waves,
+)
 
 NOTHING: Final[Mapping[str, Column]] = MappingProxyType({})
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class StateBuffer:
     """The Arrow columns cell, probability, state and verdict of the cells of one spectrum that have been observed, and
     more columns that hold as long as it is kept.
 
     at (n_varying,) int32: the rows of those that have waves. standing (n_known,) float32: the rhythm's probability of
-    the others, at every time. Once written given what was read, it is written so for good.
+    the others, at every time. conditioned: whether it was written last given what was read.
     """
 
     arrow: ArrowBuffer
     at: NDArray[np.int32]
     standing: NDArray[np.float32]
     confidence: float
+    conditioned: bool = False
 
     @classmethod
     def of(cls, spectrum: Spectrum, confidence: float, more: Mapping[str, Column] = NOTHING) -> "StateBuffer":
@@ -60,10 +68,14 @@ class StateBuffer:
 
     def write(self, spectrum: Spectrum, time: float, threads: int) -> None:
         """The state at a time (Unix seconds) by the spectrum that it was made for."""
+        if self.conditioned:
+            self.conditioned = False
+            write_states(self.standing, self.confidence, self._columns)
         write_waves(spectrum, time, self.confidence, self.at, self._columns, threads)
 
     def write_given(self, spectrum: Spectrum, time: float, condition: Conditioning, threads: int) -> None:
         """The same given what was read last."""
+        self.conditioned = True
         waves = Waves.of(spectrum, self.at, time)
         write_conditioned(waves, self.standing, condition, self.confidence, self._columns, threads)
 

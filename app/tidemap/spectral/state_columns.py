@@ -56,6 +56,12 @@ class Waves:
         return probability(spectrum, value) if spectrum.link == "logit" else value
 
 
+def write_states(probability: NDArray[np.float32], confidence: float, out: StateColumns) -> None:
+    """Write probabilities (n,) and what is said from them, as `state` and `verdict`."""
+    np.copyto(out.probability, probability)
+    kernels.write_states(confidence, 1 - confidence, out.probability, out.state, out.verdict)
+
+
 def write_waves(
     spectrum: Spectrum, time: float, confidence: float, at: NDArray[np.int32], out: StateColumns, threads: int = 1
 ) -> None:
