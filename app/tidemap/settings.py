@@ -1,6 +1,7 @@
 """Every setting of the server on one page. Each can be set as an environment variable `TIDEMAP_<NAME>`."""
 
 import ipaddress
+from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 from urllib.parse import quote
@@ -11,6 +12,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 from tidemap.media_types import JSON
 
 
+@lru_cache(maxsize=256)
 def is_loopback(host: str) -> bool:
     """Whether only this machine reaches the address.
 
