@@ -5,6 +5,7 @@ otherwise s0 came from the rhythm at t0. Bayes gives odds(t | s0 = 1) = odds p(t
 odds(t | s0 = 0) = odds p(t) / (1 + g) with g = r / ((1 - r) · q), where q is p(t0) if s0 = 1, else 1 - p(t0).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -13,9 +14,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from tidemap.history.history import UNOBSERVED
 from tidemap.history.jit import kernel
+from tidemap.spectral.correction import NO_CORRECTION, LastingCorrection, correction_at
 
 MAX_KEPT: Final = 0.9995
 """The most that r may be: no reading is certain for ever."""
+MAX_LASTED: Final = MAX_KEPT / (1 - MAX_KEPT)
+"""The same of r / (1 - r)."""
 MIN_PROBABILITY: Final = 1e-4
 """The least that the rhythm may believe of a state that was read, and of one that is asked for."""
 BLOCK: Final = 1 << 12
@@ -29,39 +33,59 @@ HASH_SHIFT: Final = 20
 
 @dataclass(frozen=True, slots=True)
 class Persistence:
-    """How long states last: r(δ, a) = min(.9995, ν ((τ + κa) / (τ + κa + δ))^α), a mixture of exponentials.
+    """How long states last: r(δ, a) = ν ((τ + κa) / (τ + κa + δ))^α, a mixture of exponentials, and a correction.
 
     nu: the share of readings that are no flicker, in (0, 1); tau_s in seconds; alpha, kappa: without unit. A state that
-    has lasted long lasts longer by κ times that. ValueError where one of them is out of range.
+    has lasted long lasts longer by κ times that. correction: what is added to ln(r / (1 - r)), after which r is
+    `MAX_KEPT` at most. ValueError where one of them is out of range.
     """
 
     nu: float = float(1 / (1 + np.exp(-2.0)))
     tau_s: float = 1800.0
     alpha: float = 1.0
     kappa: float = float(np.exp(-2.0))
+    correction: LastingCorrection = NO_CORRECTION
 
     def __post_init__(self) -> None:
         if not (0 < self.nu < 1 and self.tau_s > 0 and self.alpha > 0 and self.kappa >= 0):
             raise ValueError(f"nu lies between 0 and 1, the others are positive, not {self}")
 
-    def kept(self, delta_s: ArrayLike, age_s: ArrayLike) -> NDArray[np.float64]:
+    def kept(self, state: ArrayLike, delta_s: ArrayLike, age_s: ArrayLike) -> NDArray[np.float64]:
         """r: the probability that nothing was redrawn for `delta_s` seconds after a state had lasted `age_s`.
 
-        >>> Persistence(nu=0.5, tau_s=60.0, alpha=1.0, kappa=0.0).kept([0.0, 60.0, 180.0], 5.0).tolist()
+        >>> Persistence(nu=0.5, tau_s=60.0, alpha=1.0, kappa=0.0).kept(1, [0.0, 60.0, 180.0], 5.0).round(4).tolist()
         [0.5, 0.25, 0.125]
         """
         scale = self.tau_s + self.kappa * np.asarray(age_s, np.float64)
-        return np.asarray(
-            np.minimum(MAX_KEPT, self.nu * (scale / (scale + np.asarray(delta_s, np.float64))) ** self.alpha)
-        )
+        r = self.nu * (scale / (scale + np.asarray(delta_s, np.float64))) ** self.alpha
+        lasted = r / (1 - r) * np.exp(self.correction.at(state, delta_s, age_s))
+        return np.asarray(np.minimum(MAX_KEPT, lasted / (1 + lasted)))
 
     def half_life_s(self, age_s: float) -> float:
         """How long until half of what a reading says of later states is gone, after a state had lasted `age_s`.
+
+        Without the correction.
 
         >>> Persistence(nu=0.5, tau_s=60.0, alpha=1.0, kappa=0.0).half_life_s(5.0)
         60.0
         """
         return float((self.tau_s + self.kappa * age_s) * np.expm1(np.log(2) / self.alpha))
+
+    def as_dict(self) -> dict[str, Any]:
+        """As plain JSON."""
+        plain: dict[str, Any] = {"nu": self.nu, "tau_s": self.tau_s, "alpha": self.alpha, "kappa": self.kappa}
+        if self.correction is not NO_CORRECTION:
+            plain["correction"] = [self.correction.interval_s, self.correction.value.tolist()]
+        return plain
+
+    @classmethod
+    def from_dict(cls, value: Mapping[str, Any]) -> "Persistence":
+        """The inverse of `as_dict`. ValueError, TypeError or KeyError where it is none."""
+        formula = {name: value[name] for name in ("nu", "tau_s", "alpha", "kappa")}
+        if "correction" not in value:
+            return cls(**formula)
+        interval_s, table = value["correction"]
+        return cls(**formula, correction=LastingCorrection(interval_s, np.array(table, np.float64)))
 
 
 UNLEARNED: Final = Persistence()
@@ -143,7 +167,8 @@ class Evidence:
         learned = (persistence.nu, persistence.tau_s, persistence.alpha, persistence.kappa)
         scale = (interval_s, standing.hold, standing.limit)
         read = (self.state, self.sample, self.age, self.q)
-        _condition(np.ascontiguousarray(p.T), *read, np.ascontiguousarray(sample), scale, learned, found)
+        correction = persistence.correction.value
+        _condition(np.ascontiguousarray(p.T), *read, np.ascontiguousarray(sample), scale, learned, correction, found)
         return found.T
 
 
@@ -176,6 +201,7 @@ def _condition(
     asked: NDArray[np.int64],
     scale: tuple[float, int, int],
     learned: tuple[float, float, float, float],
+    correction: NDArray[np.float64],
     out: NDArray[np.float32],
 ) -> None:
     """out (m, n): `condition` of p (m, n); a block of cells at a time, without branches, several at once.
@@ -186,12 +212,13 @@ def _condition(
     n_slots = 1
     while 2 * n_slots <= min(MAX_SLOTS, state.size):
         n_slots *= 2
-    slots = (np.empty(n_slots, np.int64), np.empty(n_slots, np.int64), np.empty(n_slots, np.float32))
+    slots = (np.empty(n_slots, np.int64), np.empty(n_slots, np.int64), np.empty((n_slots, 2), np.float32))
+    how = (scale, learned, correction)
     for row in range(asked.size):
         slots[1][:] = -1
         for first in range(0, state.size, BLOCK):
             last = min(first + BLOCK, state.size)
-            _fill_lasted(read[first:last], age[first:last], asked[row], scale, learned, slots, lasted)
+            _fill_lasted(state[first:last], read[first:last], age[first:last], asked[row], how, slots, lasted)
             for i in range(np.uint64(first), np.uint64(last)):
                 out[row, i] = _conditioned(p[row, i], state[i], q[i], lasted[i - np.uint64(first)])
 
@@ -210,40 +237,50 @@ def _conditioned(p: Any, state: Any, q: Any, lasted: Any) -> Any:
 
 @kernel
 def _fill_lasted(
+    state: NDArray[np.uint8],
     read: NDArray[np.int64],
     age: NDArray[np.uint32],
     asked: int,
-    scale: tuple[float, int, int],
-    learned: tuple[float, float, float, float],
+    how: tuple[tuple[float, int, int], tuple[float, float, float, float], NDArray[np.float64]],
     slots: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float32]],
     out: NDArray[np.float32],
 ) -> None:
     """out (n,): `_lasted` of every reading, -1 of those that are later than what is asked for.
 
-    Many are read alike, neighbours above all: slots hold what is known of some samples and ages.
+    Many are read alike, neighbours above all: slots hold what is known of some samples and ages, of state 0 and 1.
     """
     known_read, known_age, known = slots
-    last_read, last_age, value = np.int64(0), np.int64(-1), np.float32(-1)
+    scale, learned, correction = how
+    last_read, last_age, free, occupied = np.int64(0), np.int64(-1), np.float32(-1), np.float32(-1)
     for i in range(read.size):
         if read[i] != last_read or age[i] != last_age:
             last_read, last_age = read[i], np.int64(age[i])
-            slot = ((last_read * HASH_FACTORS[0] + last_age * HASH_FACTORS[1]) >> HASH_SHIFT) & (known.size - 1)
+            slot = ((last_read * HASH_FACTORS[0] + last_age * HASH_FACTORS[1]) >> HASH_SHIFT) & (known_read.size - 1)
             if known_age[slot] != last_age or known_read[slot] != last_read:
                 known_read[slot], known_age[slot] = last_read, last_age
-                later = asked < last_read
-                known[slot] = -1 if later else _lasted(last_read, last_age, asked, scale, learned)
-            value = known[slot]
-        out[i] = value
+                for each in range(2):
+                    later = asked < last_read
+                    lasted = -1.0 if later else _lasted(each, last_read, last_age, asked, scale, learned, correction)
+                    known[slot, each] = lasted
+            free, occupied = known[slot, 0], known[slot, 1]
+        out[i] = occupied if state[i] == 1 else free
 
 
 @kernel
 def _lasted(
-    read: int, age: Any, asked: int, scale: tuple[float, int, int], learned: tuple[float, float, float, float]
+    state: Any,
+    read: int,
+    age: Any,
+    asked: int,
+    scale: tuple[float, int, int],
+    learned: tuple[float, float, float, float],
+    correction: NDArray[np.float64],
 ) -> float:
-    """r / (1 - r) of a reading in a sample that is asked for."""
+    """r / (1 - r) of a reading of a state in a sample that is asked for."""
     interval_s, hold, limit = scale
     nu, tau_s, alpha, kappa = learned
     until = max(read, min(read + hold, limit))
-    span = tau_s + kappa * (age + until - read) * interval_s
-    kept = min(MAX_KEPT, nu * (span / (span + max(0, asked - until) * interval_s)) ** alpha)
-    return float(kept / (1 - kept))
+    lived, apart = age + until - read, max(0, asked - until)
+    span = tau_s + kappa * lived * interval_s
+    kept = nu * (span / (span + apart * interval_s)) ** alpha
+    return float(min(MAX_LASTED, kept / (1 - kept) * np.exp(correction_at(correction, state, apart, lived))))

@@ -16,7 +16,8 @@ from tidemap.spectral.detection import ReadCells, learn_detector
 from tidemap.spectral.detector import Detector
 from tidemap.spectral.evaluation import ScoreSums
 from tidemap.spectral.model import fit_part
-from tidemap.spectral.persistence import CellReadings, learn_persistence
+from tidemap.spectral.pairs import CellReadings
+from tidemap.spectral.persistence import learn_persistence
 from tidemap.spectral.prediction import predict_readings, predict_times
 from tidemap.spectral.recipe import Recipe
 from tidemap.spectral.sensor import Sensor
@@ -189,7 +190,7 @@ def _by_persistence(cell: _Cell, persistence: Persistence, interval_s: float) ->
     def given(pair: Ahead, _: int) -> NDArray[np.floating]:
         state, apart = readings.state[pair.earlier], readings.sample[pair.later] - readings.sample[pair.earlier]
         age = readings.sample[pair.earlier] - readings.begin[pair.earlier] + 1
-        kept = persistence.kept(apart * interval_s, age * interval_s)
+        kept = persistence.kept(state, apart * interval_s, age * interval_s)
         q = np.where(state != 0, p[pair.earlier], 1 - p[pair.earlier])
         return condition(p[pair.later], q, state, kept)
 
