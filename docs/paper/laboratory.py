@@ -1,5 +1,7 @@
 """The paper's laboratory, simulated: Table I, what registration is worth, and maps beside what was there."""
 
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +28,8 @@ PAPER = {
 
 def make(images: Path) -> dict[str, str]:
     """Simulate, post, fit and score everything; some minutes a location."""
-    weeks = [lab_week(area, SEED, DAYS) for area in AREAS]
+    with ProcessPoolExecutor() as pool:
+        weeks = list(pool.map(partial(lab_week, seed=SEED, days=DAYS), AREAS))
     lab_figures.maps(weeks[0], split(weeks[0]), images / "figure-9.png")
     return {"laboratory": table_1(weeks), "lab_poses": poses(weeks), "lab_registration": registration(weeks)}
 
@@ -68,9 +71,7 @@ def poses(weeks: list[LabWeek]) -> str:
             known = known_cells(maps)
             changing = np.intersect1d(known, maps.truth.changing())
             shares = [
-                number(against_truth(maps, pose, split(week), cells).week)
-                for cells in (known, changing)
-                for pose in order
+                number(against_truth(maps, pose, split(week), cells)) for cells in (known, changing) for pose in order
             ]
             rows.append([week.area.name, name, *shares])
     return table(header, rows)
