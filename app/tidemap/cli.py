@@ -256,7 +256,7 @@ def _demo(arguments: argparse.Namespace) -> int:
             else:
                 seed.seed(client)
             if not arguments.no_live:
-                live.run(client, Event(), begin=lab_seed.Visits if arguments.sensors else live.Rounds)
+                live.run(client, Event(), begin=lab_seed.LabPatrol if arguments.sensors else live.Rounds)
     except ServerError as error:
         return failed(str(error))
     return DONE

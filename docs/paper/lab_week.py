@@ -1,7 +1,9 @@
 """Weeks of the simulated laboratory: what maps of the same scans are worth from true, from stated and from registered
 poses. The registered ones go through the service, from the points to the history that it stores."""
 
+from collections.abc import Iterator
 from concurrent.futures import Future
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
@@ -29,7 +31,6 @@ from tidemap.services.posts import Observed, Post
 from tidemap.services.scans import begin_scan
 from tidemap.space.grid import GridGeometry
 from tidemap.space.pose import Pose
-from tidemap.space.rays import SeenCells
 from tidemap.space.scan import Scan
 from tidemap.storage.store import prepare_database
 
@@ -41,8 +42,6 @@ BASE = TimeBase(0.0, INTERVAL_S)
 ORDER = 15
 DIMENSIONS = ("2D", "3D")
 POSES = ("true", "stated", "registered")
-EVENT_CELLS = 100
-"""Fewer surprising cells are no event."""
 WRONG_M, WRONG_RAD = 0.1, np.radians(1.5)
 """From where on a registration is wrong: a cell, or as much as the far end of a room shows."""
 
@@ -100,29 +99,34 @@ class LabWeek:
 def lab_week(area: Area, seed: int, days: float, every_s: float = INTERVAL_S) -> LabWeek:
     """All visits to an area from START on; 0.1 s each, and an update of each map every day."""
     visitor = Visitor(World(seed), START + SURVEY_S)
-    start, stop = int(START // INTERVAL_S), int((START + days * DAY_S) // INTERVAL_S)
-    person = History.empty(1, start, stop - start)
+    times = np.arange(START, START + days * DAY_S, every_s)
+    updates = [START + SURVEY_S, *np.arange(START + DAY_S, START + days * DAY_S, DAY_S).tolist()]
+    samples = int(START // INTERVAL_S), int((START + days * DAY_S) // INTERVAL_S)
+    person = History.empty(1, samples[0], samples[1] - samples[0])
+    with _service() as ctx:
+        makers = [_MapMaker(ctx, area, name, samples) for name in DIMENSIONS]
+        for part in np.split(times, np.searchsorted(times, updates)):
+            for visit in filter(None, (visitor.visit(area, time) for time in part.tolist())):
+                _put(person, visit.time, np.zeros(1, np.int64), np.array([visit.person], np.uint8))
+                for each in makers:
+                    each.add(visit, visitor.world)
+            for each in makers:
+                each.update()
+        return LabWeek(area, {each.name: each.maps() for each in makers}, person, *samples)
+
+
+@contextmanager
+def _service() -> Iterator[Context]:
+    """The services on a new database, which is thrown away afterwards."""
     with TemporaryDirectory() as folder:
         url = f"sqlite:///{Path(folder) / 'lab.db'}"
         prepare_database(url)
-        with opened(url, Clock(START + 365 * DAY_S), commit_batch=1) as ctx:
-            maps = {name: _MapMaker(ctx, area, name, (start, stop)) for name in DIMENSIONS}
-            due = START + SURVEY_S
-            for time in np.arange(START, START + days * DAY_S, every_s).tolist():
-                if time >= due:
-                    due = START + DAY_S * (1 + (time - START) // DAY_S)
-                    for each in maps.values():
-                        each.update()
-                visit = visitor.visit(area, time)
-                if visit is not None:
-                    _put(person, time, np.zeros(1, np.uint32), np.array([visit.person], np.uint8))
-                    for each in maps.values():
-                        each.add(visit, visitor.world)
-            return LabWeek(area, {name: each.maps() for name, each in maps.items()}, person, start, stop)
+        with opened(url, Clock(START + 365 * DAY_S)) as ctx:
+            yield ctx
 
 
 class _MapMaker:
-    """Makes all maps of an area in one dimension."""
+    """Makes all maps of an area from the scans of one sensor."""
 
     def __init__(self, ctx: Context, area: Area, name: str, samples: tuple[int, int]) -> None:
         self.name = name
@@ -144,7 +148,7 @@ class _MapMaker:
                 epoch=0.0,
                 estimator="fft",
                 order=ORDER,
-                min_cells=EVENT_CELLS,
+                min_cells=self._grid.n_cells,  # what a model of the first hours calls abnormal is no event
             ),
         )
 
@@ -153,11 +157,11 @@ class _MapMaker:
         scanned = visit.camera if self._spatial else visit.laser
         occupancy = world.occupancy(visit.time)
         truth = self._area.truth(occupancy) if self._spatial else self._area.floor_truth(occupancy)
-        _put(self._truth, visit.time, np.arange(len(truth), dtype=np.uint32), truth.astype(np.uint8))
+        _put(self._truth, visit.time, np.arange(len(truth)), truth.astype(np.uint8))
         scan = Scan(scanned.points, scanned.true, max_range_m=scanned.sensor.max_range_m, flat=scanned.sensor.flat)
         for name, pose in (("true", scanned.true), ("stated", scanned.stated)):
-            found: SeenCells = scan.at(pose).cast(self._grid)
-            _put(self._seen[name], visit.time, found.cell, found.state)
+            found = scan.at(pose).cast(self._grid)
+            _put(self._seen[name], visit.time, found.cell.astype(np.int64), found.state)
         self._sent.append((visit.time, scanned, self._post(visit.time, scanned)))
 
     def update(self) -> None:
@@ -195,7 +199,7 @@ def _outcome(time: float, scanned: Scanned, observed: Observed) -> PostedScan:
     return PostedScan(time, observed.scan.verdict, *errors)
 
 
-def _put(history: History, time: float, cell: NDArray[np.uint32], state: NDArray[np.uint8]) -> None:
+def _put(history: History, time: float, cell: NDArray[np.int64], state: NDArray[np.uint8]) -> None:
     """Write what was seen at a time."""
     sample = np.full(len(cell), int(time // INTERVAL_S) - history.start)
-    bits.put(history.observed, history.occupied, cell.astype(np.int64), sample, state)
+    bits.put(history.observed, history.occupied, cell, sample, state)

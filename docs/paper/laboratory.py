@@ -28,7 +28,7 @@ PAPER = {
 
 def make(images: Path) -> dict[str, str]:
     """Simulate, post, fit and score everything; some minutes a location."""
-    with ProcessPoolExecutor() as pool:
+    with ProcessPoolExecutor(len(AREAS)) as pool:
         weeks = list(pool.map(partial(lab_week, seed=SEED, days=DAYS), AREAS))
     lab_figures.maps(weeks[0], split(weeks[0]), images / "figure-9.png")
     return {"laboratory": table_1(weeks), "lab_poses": poses(weeks), "lab_registration": registration(weeks)}

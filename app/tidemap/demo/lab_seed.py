@@ -33,13 +33,12 @@ def seed(
     laboratory, start = _laboratory(client, now - history_s)
     for stop in _updates(start, now):
         times = rounds(max(start, laboratory.since()), min(stop, now)).tolist()
-        if times:
-            _post(laboratory, times, progress)
+        if times and _post(laboratory, times, progress):
             update(client, FORMS, progress, "Models")
     return laboratory.posted
 
 
-class Visits:
+class LabPatrol:
     """The visits of the robot to a laboratory that the server knows."""
 
     def __init__(self, client: Client, now: float) -> None:
@@ -65,8 +64,11 @@ def _updates(start: float, now: float) -> list[float]:
     return [start + SURVEY_S, *days, now]
 
 
-def _post(laboratory: Laboratory, times: list[float], progress: Progress) -> None:
+def _post(laboratory: Laboratory, times: list[float], progress: Progress) -> bool:
+    """Post visits; whether there was one that the server did not have."""
+    before = laboratory.posted.visits
     with progress.task("Visits", len(times)) as step:
         for some in chunks(times, VISITS_AT_ONCE):
             laboratory.post(some)
             step(len(some))
+    return laboratory.posted.visits > before

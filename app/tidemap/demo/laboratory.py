@@ -73,7 +73,9 @@ class Laboratory:
     def post(self, times: Sequence[float]) -> None:
         """Visit every area at each of some times, and post what was seen. Raises TidemapError."""
         for area in AREAS:
-            visits = [visit for time in times if (visit := self._visitor.visit(area, time)) is not None]
+            last = min(self._last[name] for name in (camera_name(area), laser_name(area), person_name(area)))
+            new = (self._visitor.visit(area, time) for time in times if time > last)
+            visits = [visit for visit in new if visit is not None]
             for visit in visits:
                 self._scan(camera_name(area), visit.time, visit.camera)
                 self._scan(laser_name(area), visit.time, visit.laser)

@@ -31,7 +31,7 @@ class Walker:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sensor:
+class RangeSensor:
     """rays (n, 3): unit directions of one frame, x forward, y left; frames (m, 2): pan and tilt of each, rad, up > 0.
 
     The standard deviation of a range r is `noise_m` + `noise_per_m` · r²; `dropout` is the share of rays that are lost.
@@ -116,7 +116,7 @@ def _frames(pans: int, tilts: Sequence[float]) -> Array:
     return np.array([(pan, np.radians(tilt)) for tilt in tilts for pan in around])
 
 
-CAMERA = Sensor(
+CAMERA = RangeSensor(
     rays=_camera_rays(40, 30, np.radians(57), np.radians(43)),
     frames=_frames(7, (-22.0, 14.0)),
     min_range_m=0.4,
@@ -127,7 +127,7 @@ CAMERA = Sensor(
     flat=False,
 )
 """14 frames of 1,200 rays: some 16,000 points a sweep, 1.4 degrees apart. Its noise is that of structured light."""
-LASER = Sensor(
+LASER = RangeSensor(
     rays=_laser_rays(360, np.radians(270)),
     frames=_frames(2, (0.0,)),
     min_range_m=0.1,

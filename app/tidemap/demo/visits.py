@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from tidemap.demo.areas import CAMERA_M, LASER_M, Area
 from tidemap.demo.chance import draw, mix
 from tidemap.demo.civil import moment
-from tidemap.demo.sensors import CAMERA, LASER, Sensor, Walker
+from tidemap.demo.sensors import CAMERA, LASER, RangeSensor, Walker
 from tidemap.demo.world import World
 from tidemap.space.pose import Array, Pose
 
@@ -32,7 +32,7 @@ _MISSED, _WALKS, _MISSES, _IMAGINES, _STANDS, _CAMERA, _LASER = range(200, 207)
 class Scanned:
     """points (n, 3) float32 about the sensor; where the robot says it was, its covariance (6, 6), and where it was."""
 
-    sensor: Sensor
+    sensor: RangeSensor
     points: NDArray[np.float32]
     stated: Pose
     covariance: Array
@@ -90,7 +90,7 @@ class Visitor:
         x, y = np.array(area.stand) + STAND_SIGMA_M * off[:2]
         return Pose.of_rotation_vector([0.0, 0.0, STAND_SIGMA_RAD * off[2]], [x, y, height_m])
 
-    def _scan(self, sensor: Sensor, area: Area, time: float, true: Pose, walks: bool, number: int) -> Scanned:
+    def _scan(self, sensor: RangeSensor, area: Area, time: float, true: Pose, walks: bool, number: int) -> Scanned:
         chance = np.random.default_rng(mix(self.world.seed, area.number, int(time), number))
         walkers = [_walker(area, len(sensor.frames), chance)] if walks else []
         sigma = SURVEY_SIGMA if time < self.surveyed_until else SIGMA
