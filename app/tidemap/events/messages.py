@@ -24,6 +24,11 @@ class EventMessage:
     time: float
     data: dict[str, Any] = field(default_factory=dict)
 
+    @property
+    def is_new_anomaly(self) -> bool:
+        """Whether it is the first one of an event."""
+        return self.kind == "anomaly" and not self.data.get("update")
+
     def wire(self) -> dict[str, Any]:
         """As it goes over the WebSocket."""
         times = {name: self.data[name] for name in TIMES if self.data.get(name) is not None}
