@@ -23,7 +23,7 @@ VISITS_AT_ONCE = 12
 def seed(
     client: Client, now: float | None = None, progress: Progress | None = None, history_s: float = HISTORY_S
 ) -> PostedVisits:
-    """Make the laboratory's locations and post visits every five minutes for a week up to `now` (Unix seconds).
+    """Make the laboratory's locations and post visits every five minutes of `history_s` up to `now` (Unix seconds).
 
     The models are updated after the first hour, every day, and at the end, for scans are registered by them. What the
     server has already is not posted again. Takes some ten minutes. Raises TidemapError, NotTheDemoError.
