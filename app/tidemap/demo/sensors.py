@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from tidemap.demo import plan
 from tidemap.demo.plan import Cells
+from tidemap.space.first_ranges import first_ranges
 from tidemap.space.grid import GridGeometry
 from tidemap.space.pose import Array, Pose
-from tidemap.space.ranges import first_ranges
 
 BUILDING = GridGeometry("map", (0.0, 0.0, 0.0), plan.RESOLUTION_M, plan.SHAPE)
 PERSON_RADIUS_M, PERSON_HEIGHT_M = 0.2, 1.75

@@ -19,8 +19,9 @@ COARSE, FINE = 5.0, 2.5
 """How far apart, in lengths of a cell, a point and its surface may be: first, and then."""
 TRIMMED = 0.75
 """At last, points further than so many lengths of a cell off the plane of their surface are left out."""
-MAX_ITERATIONS = 20
-"""Of each of the three: what has not converged by then is lost."""
+ROUNDS, ITERATIONS = 5, 4
+"""Of each of the three: what has not converged by then is lost. small_gicp lets no other thread run meanwhile, 5 to 14
+ms an iteration; between rounds they do."""
 NEIGHBOURS = 20
 """Cells that the normal of a surface is estimated from."""
 MAX_POINTS, MAX_ROUGH_POINTS = 12_000, 3_000
@@ -89,9 +90,9 @@ class Surface:
         """Align from the stated pose, shifted (6,) by x, y, z in metres and a rotation vector in radians."""
         stated = source.stated
         about = (stated.translation + shift[:3] - self._origin) * _used(self.flat)
-        found = self._fit(source.cloud, Pose.of_rotation_vector(shift[3:], about).matrix, COARSE)
-        found = self._fit(source.cloud, found.T_target_source, FINE)
-        result = self._fit(self._trimmed(source.cloud, found.T_target_source), found.T_target_source, FINE)
+        start = self._fit(source.cloud, Pose.of_rotation_vector(shift[3:], about).matrix, COARSE).T_target_source
+        start = self._fit(source.cloud, start, FINE).T_target_source
+        result = self._fit(self._trimmed(source.cloud, start), start, FINE)
         start = result.T_target_source
         rotation, translation = start[:3, :3], start[:3, 3] + self._origin
         if self.flat:
@@ -102,17 +103,23 @@ class Surface:
         return Alignment(pose, bool(result.converged), inliers // _layers(self.flat), weakest)
 
     def _fit(self, scan: small_gicp.PointCloud, start: Array, distance: float) -> small_gicp.RegistrationResult:
-        """A scan aligned from a start (4, 4), with partners up to so many lengths of a cell away."""
+        """A scan aligned from a start (4, 4), with partners up to so many lengths of a cell away, in rounds until it
+        comes to rest."""
         cloud, tree = self._known
-        return small_gicp.align(
-            cloud,
-            scan,
-            tree,
-            start,
-            registration_type="PLANE_ICP",
-            max_correspondence_distance=distance * self.spacing_m,
-            max_iterations=MAX_ITERATIONS,
-        )
+        for _ in range(ROUNDS):
+            result = small_gicp.align(
+                cloud,
+                scan,
+                tree,
+                start,
+                registration_type="PLANE_ICP",
+                max_correspondence_distance=distance * self.spacing_m,
+                max_iterations=ITERATIONS,
+            )
+            if result.converged:
+                break
+            start = result.T_target_source
+        return result
 
     def _trimmed(self, scan: small_gicp.PointCloud, at: Array) -> small_gicp.PointCloud:
         """Those points of a scan, moved by (4, 4), that are near the plane of the surface next to them; all where that

@@ -1,60 +1,35 @@
-"""Ranges: how far rays travel before they meet an occupied cell; what an exact sensor would measure."""
+"""Ranges of a laser as points, as sensor_msgs/LaserScan and REP 117 mean them."""
 
+from dataclasses import dataclass
 from math import inf
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from tidemap.history.jit import kernel
-from tidemap.space.grid import GridGeometry
-from tidemap.space.walk import SKIP, Array, Integers, Walk, aim, clip, in_cells, is_inside, set_faces, set_gaps
+BEYOND = 2.0
+"""At so many times the range up to which it clears is the point of a ray that met nothing."""
 
 
-def first_ranges(
-    grid: GridGeometry, occupied: NDArray[np.bool_], origin: ArrayLike, ways: ArrayLike, max_range_m: float
-) -> Array:
-    """Metres (n,) from `origin` (3,) along unit `ways` (n, 3) to the first occupied cell; infinite where none is met.
+@dataclass(frozen=True, slots=True)
+class RangeLimits:
+    """In metres: a laser measures from `low` to `high`, and its rays clear up to `clear`, at most `high`."""
 
-    occupied: of the grid's shape with three axes. What is further than `max_range_m` is not met. O(cells passed).
+    low: float = 0.0
+    high: float = inf
+    clear: float = inf
 
-    >>> grid = GridGeometry("map", (0.0, 0.0, 0.0), 0.5, (4, 1, 2))
-    >>> wall = np.zeros((4, 1, 2), bool)
-    >>> wall[3] = True
-    >>> first_ranges(grid, wall, [0.25, 0.25, 0.25], [[1, 0, 0], [-1, 0, 0]], 9.0).tolist()
-    [1.25, inf]
+
+def points_of_ranges(
+    ranges: NDArray[np.floating], angle: NDArray[np.float64], limits: RangeLimits
+) -> NDArray[np.float64]:
+    """Points (m, 3) of ranges (n,) at angles (n,) in the plane of a laser, x forward and y left; m is at most n.
+
+    Infinity says that nothing was met up to `high`: its point is beyond `clear`, where a ray hits nothing. Without a
+    `clear` it says nothing. What is NaN, 0 or outside of [low, high] is left out, for it was not measured.
     """
-    start = np.asarray(origin, np.float64)
-    ends = start + max_range_m * np.asarray(ways, np.float64)
-    share = np.empty(len(ends))
-    cells = np.ascontiguousarray(occupied, np.bool_).reshape(-1)
-    _first(np.array(grid.shape3), cells, in_cells(grid, start[np.newaxis])[0], in_cells(grid, ends), share)
-    return share * max_range_m
-
-
-@kernel
-def _first(shape: Integers, occupied: NDArray[np.bool_], start: Array, ends: Array, share: Array) -> None:
-    """Set the share (n,) of each ray that is free."""
-    walk = Walk(np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3, np.int64), np.empty(3, np.int64))
-    for ray in range(len(ends)):
-        share[ray] = inf
-        if aim(start, ends[ray], inf, walk) == SKIP:
-            continue
-        full = set_gaps(walk)
-        enter, leave = clip(shape, start, walk, full)
-        if enter < leave:
-            at = set_faces(shape, start, walk, enter / full, leave / full, is_inside(shape, walk.stop))
-            share[ray] = _walk(walk, at, enter, occupied) / full
-
-
-@kernel
-def _walk(walk: Walk, at: int, now: float, occupied: NDArray[np.bool_]) -> float:
-    """When the first occupied cell is entered, from linear cell `at` on; infinite where none is."""
-    for _ in range(walk.left.sum()):
-        if occupied[at]:
-            return now
-        axis = np.argmin(walk.ahead)
-        now = walk.ahead[axis]
-        at += walk.stride[axis]
-        walk.left[axis] -= 1
-        walk.ahead[axis] = now + walk.gap[axis] if walk.left[axis] > 0 else inf
-    return now if occupied[at] else inf
+    found = np.where(ranges == inf, BEYOND * limits.clear, ranges).astype(np.float64, copy=False)
+    with np.errstate(invalid="ignore"):
+        kept = ((ranges >= limits.low) & (ranges <= limits.high) & (ranges > 0)) | (ranges == inf)
+    kept &= np.isfinite(found)
+    found, angle = found[kept], angle[kept]
+    return np.stack([found * np.cos(angle), found * np.sin(angle), np.zeros(len(found))], axis=1)

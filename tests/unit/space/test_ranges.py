@@ -1,62 +1,57 @@
-"""Ranges: the first occupied cell on a ray, against boxes whose ranges are known exactly."""
+"""One meaning of a laser's ranges, however they come: sensor_msgs/LaserScan and REP 117."""
+
+from math import inf, nan
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from tests.support.rooms import Room, around, level
+from tidemap.errors import InvalidInputError
+from tidemap.formats.ros_messages import laser_points
+from tidemap.ingest.scan import SentScan, scan_of
+from tidemap.schemas.scans import ScanHeader
 from tidemap.space.grid import GridGeometry
-from tidemap.space.ranges import first_ranges
+from tidemap.space.ranges import RangeLimits, points_of_ranges
+from tidemap.space.rays import cast_rays
 
-GRID = GridGeometry("map", (-1.0, -2.0, 0.0), 0.5, (20, 16, 8))
-THINGS = ((slice(8, 11), slice(2, 4), slice(0, 3)), (slice(3, 4), slice(9, 14), slice(2, 8)))
-
-
-def cells() -> np.ndarray:
-    occupied = np.zeros(GRID.shape, bool)
-    for axis in range(3):
-        for end in (0, -1):
-            np.moveaxis(occupied, axis, 0)[end] = True
-    for thing in THINGS:
-        occupied[thing] = True
-    return occupied
+HERE: list[Any] = [5.0, 5.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+GRID = GridGeometry("map", (0.0, 0.0, 0.0), 0.5, (20, 20))
+LOW, HIGH, STEP = 0.25, 4.0, 0.1
+RANGE = st.sampled_from([nan, inf, -inf, 0.0, -1.0, 0.125, LOW, 1.5, 2.0, 3.25, 3.875, 4.5, 1e30])
 
 
-def room() -> Room:
-    """The same as boxes: cells at the border are walls."""
-    low, high = np.array(GRID.origin), np.array(GRID.origin) + 0.5 * np.array(GRID.shape)
-    corners = [[[axis.start for axis in thing], [axis.stop for axis in thing]] for thing in THINGS]
-    return Room(np.array([low + 0.5, high - 0.5]), np.array(GRID.origin) + 0.5 * np.array(corners))
+@pytest.mark.parametrize(
+    ("limits", "expected"),
+    [
+        (RangeLimits(LOW, HIGH, HIGH), [2 * HIGH, LOW, 3.0, HIGH]),
+        (RangeLimits(LOW, HIGH, 2.0), [4.0, LOW, 3.0, HIGH]),
+        (RangeLimits(LOW, HIGH), [LOW, 3.0, HIGH]),
+        (RangeLimits(clear=2.0), [4.0, 0.125, LOW, 3.0, HIGH, 5.0]),
+        (RangeLimits(), [0.125, LOW, 3.0, HIGH, 5.0]),
+    ],
+)
+def test_what_was_measured_is_a_point(limits: RangeLimits, expected: list[float]) -> None:
+    ranges = np.array([nan, inf, -inf, 0.0, -1.0, 0.125, LOW, 3.0, HIGH, 5.0])
+    found = points_of_ranges(ranges, np.zeros(len(ranges)), limits)
+    assert found.tolist() == [[each, 0, 0] for each in expected]
 
 
-def test_ranges_are_those_of_the_boxes_that_the_cells_make_up() -> None:
-    chance = np.random.default_rng(1)
-    for _ in range(5):
-        x, y, z = chance.uniform((1.2, 0.3, 1.6), (2.8, 4.5, 3.0)).tolist()
-        pose = level(x, y, z, 0.0)
-        ways = around(3000, chance, height=np.pi)
-        found = first_ranges(GRID, cells(), pose.translation, ways, 30.0)
-        np.testing.assert_allclose(found, room().ranges(pose, ways), atol=1e-9)
-
-
-@pytest.mark.parametrize(("start", "way", "expected"), [
-    ((0.25, 0.25, 0.25), (0, 0, 1), 1.25),
-    ((0.25, 0.25, 0.25), (0, 0, -1), np.inf),
-    ((0.25, 0.25, 1.75), (0, 0, 1), 0.0),
-    ((0.25, 0.25, 9.25), (0, 0, -1), 7.25),
-    ((5.25, 5.25, 0.25), (1, 0, 0), np.inf),
-])  # fmt: skip
-def test_rays_that_meet_nothing_or_begin_inside(
-    start: tuple[float, ...], way: tuple[float, ...], expected: float
+@settings(max_examples=100)
+@given(st.lists(RANGE, min_size=1, max_size=8), st.sampled_from([None, 1.0, 2.5, 9.0]))
+def test_a_scan_that_is_posted_sees_the_cells_of_one_that_is_imported(
+    ranges: list[float], max_range: float | None
 ) -> None:
-    occupied = np.zeros((4, 4, 4), bool)
-    occupied[:, :, 3] = True
-    grid = GridGeometry("map", (0.0, 0.0, 0.0), 0.5, (4, 4, 4))
-    assert first_ranges(grid, occupied, start, [way], 20.0).tolist() == [expected]
-
-
-def test_what_is_too_far_is_not_met() -> None:
-    occupied = np.zeros((9, 1, 1), bool)
-    occupied[8] = True
-    grid = GridGeometry("map", (0.0, 0.0, 0.0), 0.5, (9, 1, 1))
-    for longest, expected in ((3.8, 3.75), (3.7, np.inf)):
-        assert first_ranges(grid, occupied, (0.25, 0.25, 0.25), [(1, 0, 0)], longest)[0] == pytest.approx(expected)
+    said: dict[str, Any] = {"angle_min": 0.3, "angle_increment": STEP, "range_min": LOW, "range_max": HIGH}
+    imported = laser_points(SimpleNamespace(ranges=np.array(ranges, np.float32), **said), max_range or inf)
+    origin = np.array(HERE[:3])
+    truth = cast_rays(GRID, origin, imported.points + origin, max_range_m=imported.max_range_m)
+    header = ScanHeader(time=0.0, map_from_sensor=HERE, max_range=max_range, **said)
+    try:
+        seen = scan_of(SentScan(header, ranges=np.array(ranges, np.float32)), GRID).cast(GRID)
+    except InvalidInputError:
+        assert not len(imported.points)
+        return
+    assert (seen.cell.tolist(), seen.state.tolist()) == (truth.cell.tolist(), truth.state.tolist())
