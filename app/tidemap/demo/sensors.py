@@ -15,12 +15,11 @@ from tidemap.demo.plan import Cells
 from tidemap.space.first_ranges import first_ranges
 from tidemap.space.grid import GridGeometry
 from tidemap.space.pose import Array, Pose
+from tidemap.space.ranges import BEYOND
 
 BUILDING = GridGeometry("map", (0.0, 0.0, 0.0), plan.RESOLUTION_M, plan.SHAPE)
 PERSON_RADIUS_M, PERSON_HEIGHT_M = 0.2, 1.75
 LOST_FRAMES = 0.02
-NOTHING = 2.0
-"""At so many times the longest range is the point of a ray that meets nothing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +69,7 @@ class RangeSensor:
         dropped = chance.random(len(exact)) < self.dropout
         with np.errstate(invalid="ignore"):
             measured = exact + deviation * (self.noise_m + self.noise_per_m * exact**2)
-        measured[~(measured <= self.max_range_m)] = NOTHING * self.max_range_m
+        measured[~(measured <= self.max_range_m)] = BEYOND * self.max_range_m
         kept = ~dropped & (measured >= self.min_range_m)
         return (ways[kept] * measured[kept, np.newaxis]).astype(np.float32)
 
