@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tidemap.errors import refuse_reversed
 from tidemap.history.chunks import Part, by_segment, of_chunk, split
-from tidemap.history.erasing import erase
+from tidemap.history.erasing import erase_all
 from tidemap.history.measurements import Measurements
 from tidemap.history.segment import SEGMENT_SAMPLES, Segment, merge
 from tidemap.services.compaction import replace_log, segment_before, stored_segment, unpack
@@ -79,7 +79,7 @@ def _delete(ctx: Context, location_id: int, what: Deletion, check: Callable[[], 
         deleted = sum(map(len, parts)) - sum(map(len, kept))
         merged: dict[SegmentKey, bytes] = {}
         for key, segment, erased in _revised(ctx, location, split([part for part in kept if len(part)]), keys, choose):
-            merged[key] = pack_segment(segment) if len(segment.time) else b""
+            merged[key] = b"" if segment.is_empty else pack_segment(segment)
             deleted += erased
             check()
         through = rows[-1].number if rows else location.compacted_seq
@@ -131,7 +131,7 @@ def _revised(
                     key, before = segment_before(ctx, work, location, key)
             segment = before or Segment.empty(location.chunk_size(chunk), number)
             if key in keys:
-                segment, erased = erase(segment, choose(segment.time), location.base)
+                segment, erased = erase_all(segment, choose, location.base)
             if erased or number in new:
                 yield key, merge(segment, new.get(number, NOTHING), location.base, location.combine), erased
 
