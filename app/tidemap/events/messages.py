@@ -7,7 +7,7 @@ from typing import Any, Literal
 from tidemap.schemas.common import iso
 
 Kind = Literal["observation", "anomaly", "update", "job"]
-TIMES = ("start", "stop", "acknowledged_at")
+TIMES = ("start", "stop", "acknowledged_at", "snoozed_until")
 """What is written as ISO 8601 of the data."""
 
 
@@ -23,6 +23,11 @@ class EventMessage:
     id: int
     time: float
     data: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def position(self) -> int:
+        """Of an anomaly the number of this change: who resumes behind it hears of all later ones."""
+        return int(self.data.get("change", self.id))
 
     def wire(self) -> dict[str, Any]:
         """As it goes over the WebSocket."""

@@ -142,11 +142,11 @@ def _store(work: Work, span: _Span, events: list[AnomalyRecord], stops: Mapping[
     if work.observations.any_since(location, stop):
         return []
     work.locations.judged(location.id, stop)
-    ended = _cut(work, location, (start, stop), stops)
+    cut = _cut(work, location, (start, stop), stops)
     changes = store_events(work, location, events)
     known = {id_ for change in changes for id_ in (change.event.id, *change.joined)}
     return [
-        *(EventChange(anomaly_of(location, event), "updated") for event in ended if event.id not in known),
+        *(EventChange(anomaly_of(location, event), "updated") for event in cut if event.id not in known),
         *changes,
     ]
 
@@ -155,10 +155,9 @@ def _cut(
     work: Work, location: LocationRecord, span: tuple[float, float], stops: Mapping[int, float]
 ) -> list[AnomalyRecord]:
     """End the events that go on at the start of a span there, as what follows is judged anew, and others at `stops`."""
-    start, ended = span[0], []
+    start, cut = span[0], []
     for event in work.anomalies.near(location.id, *span):
         stop = start if event.start < start < event.stop else stops.get(event.id, event.stop)
         if event.damage is None and stop < event.stop:
-            ended.append(replace(event, stop=stop))
-    work.anomalies.change(ended)
-    return ended
+            cut.append(replace(event, stop=stop))
+    return work.anomalies.change(cut)

@@ -59,10 +59,11 @@ class LocationRepository:
         return {row.id: row.name for row in rows}
 
     def open_anomalies(self) -> dict[int, int]:
-        """How many unacknowledged anomalies each location id has; ids without any are left out."""
+        """How many unacknowledged anomalies each location id has, neither muted nor snoozed; without those of none."""
         query = (
             select(anomaly.c.location_id, func.count())
             .where(anomaly.c.acknowledged.is_(False), anomaly.c.part_of.is_(None))
+            .where(anomaly.c.muted.is_(False), anomaly.c.snoozed_until.is_(None))
             .group_by(anomaly.c.location_id)
         )
         return {row[0]: row[1] for row in self._connection.execute(query)}

@@ -1,0 +1,54 @@
+"""Ending: events that nothing continues any more have ended, and snoozes are over; who listens hears of both."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from tidemap.services.anomalies import anomaly_of
+from tidemap.services.context import Context
+from tidemap.services.incidents import EventChange
+from tidemap.services.messages import publish_events
+from tidemap.storage.records import AnomalyRecord, LocationRecord
+from tidemap.storage.work import Work
+
+
+def end_events(ctx: Context, location: LocationRecord, first_stop: float) -> None:
+    """Say of the events of a location that have ended that they have; `first_stop`: when the first of them stopped.
+
+    That is after the longest gap that an event outlasts. Of what is held nothing ends before it was judged. Late data
+    may still continue them, and then they end anew.
+    """
+    before = _before(ctx, location)
+    if first_stop >= before:
+        return
+
+    def end(work: Work) -> list[EventChange]:
+        now = work.locations.lock(location.id)
+        events = work.anomalies.due_to_end(location.id, _before(ctx, now))
+        return _marked(work, [replace(event, ended=True) for event in events])
+
+    ctx.store.write(end, lambda changes: publish_events(ctx, changes))
+
+
+def _before(ctx: Context, location: LocationRecord) -> float:
+    """What stopped before this time is not continued by what is measured from now on."""
+    judged = location.judged_to if location.missing == "hold" and location.revision else None
+    now = ctx.clock() if judged is None else min(judged, ctx.clock())
+    return now - (location.gap_samples + 1) * location.interval_s
+
+
+def end_snoozes(ctx: Context) -> None:
+    """Publish the events whose snooze is over."""
+    with ctx.store.read() as work:
+        if not work.anomalies.awake(ctx.clock()):
+            return
+
+    def wake(work: Work) -> list[EventChange]:
+        events = work.anomalies.awake(ctx.clock())
+        return _marked(work, [replace(event, snoozed_by=None, snoozed_until=None) for event in events])
+
+    ctx.store.write(wake, lambda changes: publish_events(ctx, changes))
+
+
+def _marked(work: Work, events: Sequence[AnomalyRecord]) -> list[EventChange]:
+    marked = work.anomalies.mark(events)
+    return [EventChange(anomaly_of(work.locations.by_id(each.location_id), each), "updated") for each in marked]
