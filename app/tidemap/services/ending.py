@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from tidemap.services.anomalies import anomaly_of
 from tidemap.services.context import Context
-from tidemap.services.incidents import EventChange
+from tidemap.services.incidents import EventChange, ended_before
 from tidemap.services.messages import publish_events
 from tidemap.storage.records import AnomalyRecord, LocationRecord
 from tidemap.storage.work import Work
@@ -14,26 +14,17 @@ from tidemap.storage.work import Work
 def end_events(ctx: Context, location: LocationRecord, first_stop: float) -> None:
     """Say of the events of a location that have ended that they have; `first_stop`: when the first of them stopped.
 
-    That is after the longest gap that an event outlasts. Of what is held nothing ends before it was judged. Late data
-    may still continue them, and then they end anew.
+    Late data may still continue them, and then they end anew.
     """
-    before = _before(ctx, location)
-    if first_stop >= before:
+    if first_stop >= ended_before(location, ctx.clock()):
         return
 
     def end(work: Work) -> list[EventChange]:
-        now = work.locations.lock(location.id)
-        events = work.anomalies.due_to_end(location.id, _before(ctx, now))
+        before = ended_before(work.locations.lock(location.id), ctx.clock())
+        events = work.anomalies.due_to_end(location.id, before)
         return _marked(work, [replace(event, ended=True) for event in events])
 
     ctx.store.write(end, lambda changes: publish_events(ctx, changes))
-
-
-def _before(ctx: Context, location: LocationRecord) -> float:
-    """What stopped before this time is not continued by what is measured from now on."""
-    judged = location.judged_to if location.missing == "hold" and location.revision else None
-    now = ctx.clock() if judged is None else min(judged, ctx.clock())
-    return now - (location.gap_samples + 1) * location.interval_s
 
 
 def end_snoozes(ctx: Context) -> None:

@@ -45,16 +45,19 @@ class EventChange:
         return self.stored and not self.event.muted and self.event.snoozed_until is None
 
 
-def store_events(work: Work, location: LocationRecord, events: Sequence[AnomalyRecord]) -> list[EventChange]:
-    """Store events with those they continue: of each that is stored then what was done.
+def store_events(
+    work: Work, location: LocationRecord, events: Sequence[AnomalyRecord], now: float
+) -> list[EventChange]:
+    """Store events, now, with those they continue: of each that is stored then what was done.
 
     The location's row must be locked, so that nobody else extends the same event meanwhile.
     """
     if not events:
         return []
     groups, mutes = _with_stored(work, location, events), work.mutes.list()
+    before = ended_before(location, now)
     united = [
-        replace(event, muted=is_muted(mutes, location, event.start, event.stop), ended=False)
+        replace(event, muted=is_muted(mutes, location, event.start, event.stop), ended=event.stop < before)
         for event in map(_united, groups)
     ]
     changes = [_change(location, event, group) for event, group in zip(united, groups, strict=True)]
@@ -67,6 +70,16 @@ def store_events(work: Work, location: LocationRecord, events: Sequence[AnomalyR
         replace(each, event=anomaly_of(location, next(changed if each.event.id else appended))) if each.stored else each
         for each in changes
     ]
+
+
+def ended_before(location: LocationRecord, now: float) -> float:
+    """What stopped before this time is not continued by what is measured from now on.
+
+    That is after the longest gap that an event outlasts. Of what is held nothing ends before it was judged.
+    """
+    held = location.missing == "hold" and location.revision
+    judged = location.judged_to if held and location.judged_to is not None else now
+    return min(judged, now) - (location.gap_samples + 1) * location.interval_s
 
 
 def _with_stored(work: Work, location: LocationRecord, events: Sequence[AnomalyRecord]) -> list[list[AnomalyRecord]]:

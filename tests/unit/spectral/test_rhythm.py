@@ -10,7 +10,7 @@ A_DAY, WEEK, WIDTH_S = 288, 2016, 300.0
 
 
 def civil(first: int, n: int) -> NDArray[np.float64]:
-    return WIDTH_S * np.arange(first, first + n)
+    return np.asarray(WIDTH_S * np.arange(first, first + n), np.float64)
 
 
 def rhythm_of(heard: NDArray[np.bool_]) -> Rhythm:

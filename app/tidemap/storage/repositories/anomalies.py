@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from sqlalchemy import Connection, RowMapping, Select, bindparam, func, insert, select, update
+from sqlalchemy import Connection, RowMapping, Select, bindparam, delete, func, insert, or_, select, update
 
 from tidemap.errors import AnomalyNotFoundError, CorruptChunkError
 from tidemap.scope import EVERYWHERE, Scope
@@ -19,6 +19,7 @@ from tidemap.storage.tables import anomaly, location
 _COLUMNS = tuple(field.name for field in fields(AnomalyRecord) if field.name not in ("seen", "damage"))
 _GROWS = ("start", "stop", "observed", "probability", "surprise", "confidence", "rule", "revision", "marks")
 _KEPT = ("acknowledged_by", "acknowledged_at", "note", "ended", "change", "muted", "snoozed_by", "snoozed_until")
+DELETED_AT_ONCE = 400
 SILENCE = "silence"
 """The rule of events without cells: a location that usually speaks was silent."""
 
@@ -129,6 +130,18 @@ class AnomalyRepository:
         """Have events be part of an older one from now on."""
         mine = (anomaly.c.location_id == location_id) & anomaly.c.id.in_(ids)
         self._connection.execute(update(anomaly).where(mine).values(part_of=into))
+
+    def delete_within(self, location_id: int, start: float, stop: float) -> None:
+        """Delete the events of a location, but silences, that lie in [start, stop), with those that are a part of one."""
+        mine = (anomaly.c.location_id == location_id) & (anomaly.c.rule != SILENCE)
+        within = select(anomaly.c.id).where(mine, anomaly.c.start >= start, anomaly.c.stop <= stop)
+        within = within.where(anomaly.c.part_of.is_(None))
+        gone = self._connection.execute(within).scalars().all()
+        for first in range(0, len(gone), DELETED_AT_ONCE):
+            some = gone[first : first + DELETED_AT_ONCE]
+            self._connection.execute(
+                delete(anomaly).where(mine, or_(anomaly.c.id.in_(some), anomaly.c.part_of.in_(some)))
+            )
 
     def get(self, anomaly_id: int) -> AnomalyRecord:
         """The event, or the older one that it is a part of. Raises AnomalyNotFoundError."""
