@@ -296,10 +296,8 @@ def test_events_of_what_is_deleted_go_with_it(ctx: Context, compacted: bool) -> 
     post_states(ctx, "door", MINUTE * np.arange(40), np.zeros(40))
     refit(ctx, "door")
     spans = [(100, 103), (108, 112), (120, 121), (128, 134)]
-    numbers = [
-        post_states(ctx, "door", MINUTE * np.arange(*span), np.ones(span[1] - span[0])).anomalies[0].id
-        for span in spans
-    ]
+    posts = [post_states(ctx, "door", MINUTE * np.arange(*span), np.ones(span[1] - span[0])) for span in spans]
+    numbers = [post.anomalies[0].id for post in posts]
     if compacted:
         compact_now(ctx, "door")
     heard: list[EventMessage] = []

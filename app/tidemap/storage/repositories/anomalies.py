@@ -132,7 +132,7 @@ class AnomalyRepository:
         self._connection.execute(update(anomaly).where(mine).values(part_of=into))
 
     def delete_within(self, location_id: int, start: float, stop: float) -> None:
-        """Delete the events of a location, but silences, that lie in [start, stop), with those that are a part of one."""
+        """Delete the events of a location, but silences, in [start, stop), with those that are a part of one."""
         mine = (anomaly.c.location_id == location_id) & (anomaly.c.rule != SILENCE)
         within = select(anomaly.c.id).where(mine, anomaly.c.start >= start, anomaly.c.stop <= stop)
         within = within.where(anomaly.c.part_of.is_(None))
