@@ -27,7 +27,7 @@ class EventMessage:
     @property
     def position(self) -> int:
         """Of an anomaly the number of this change: who resumes behind it hears of all later ones."""
-        return int(self.data.get("change", self.id))
+        return int(self.data.get("change") or self.id)
 
     def wire(self) -> dict[str, Any]:
         """As it goes over the WebSocket."""

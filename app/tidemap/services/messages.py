@@ -11,7 +11,7 @@ from tidemap.services.context import Context
 from tidemap.services.incidents import EventChange, published
 from tidemap.services.listing import shortened
 
-HIDDEN = ("location_id", "damage", "seen", "marks", "part_of", "muted")
+HIDDEN = ("location_id", "damage", "seen", "marks", "part_of")
 
 
 def anomaly_message(event: Anomaly, now: float, *, update: bool = False, joined: Sequence[int] = ()) -> EventMessage:
@@ -51,6 +51,5 @@ def _data(event: Anomaly) -> dict[str, Any]:
     values = {each.name: getattr(event, each.name) for each in fields(event) if each.name not in HIDDEN}
     parts = event.parts
     shown = None if parts is None else {name: cells.tolist() for name, cells in parts.items()}
-    if event.silent:
-        values["observed"] = None
+    values |= {"change": event.change or None, "observed": None if event.silent else event.observed}
     return values | {"cells": event.cells.tolist(), "bbox": event.bbox and list(event.bbox), "parts": shown}

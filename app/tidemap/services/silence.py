@@ -78,7 +78,7 @@ class Silences:
         self._heard = {each.id: known.get(each.id) or _Heard(nothing, 0, None, None, ctx.clock()) for each in locations}
         for location in locations:
             check()
-            self._look(ctx, location, self._heard[location.id])
+            self._attend(ctx, location, self._heard[location.id])
 
     def _listen(self, ctx: Context) -> None:
         """Take note that a server listens, since when it has."""
@@ -91,7 +91,7 @@ class Silences:
         self._since, self._until = known[0] if known is not None and without_break else now, now
         ctx.store.write(lambda work: work.rhythms.listen(self._since, now))
 
-    def _look(self, ctx: Context, location: LocationRecord, heard: _Heard) -> None:
+    def _attend(self, ctx: Context, location: LocationRecord, heard: _Heard) -> None:
         came = _take_in(ctx, location, heard) if location.observation_seq > heard.through else None
         now = ctx.clock()
         if came is not None and heard.silence is not None:

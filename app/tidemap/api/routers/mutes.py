@@ -16,7 +16,7 @@ router = APIRouter(prefix="/mutes", tags=["anomalies"], route_class=FormRoute)
 
 @router.get("")
 def list_all(ctx: Ctx, who: FilteringOperator, limit: Limit = 100, after: After = None) -> Page[Mute]:
-    """When nobody hears of events, of which locations, and who wants that; in order of creation."""
+    """When nobody hears of the events of some locations, and who wants that; in order of creation."""
     found = mutes.list_mutes(ctx, who.scope, cursor("after", after) or 0)
     shown = [mute_view(each) for each in found[:limit]]
     return Page(items=shown, next=str(shown[-1].id) if len(found) > limit else None)
