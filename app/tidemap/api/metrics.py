@@ -10,7 +10,7 @@ from prometheus_client.core import GaugeMetricFamily
 from prometheus_client.registry import Collector
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from tidemap.events.subscription import EventFilter, listen
+from tidemap.events.messages import EventMessage
 from tidemap.media_types import EVENT_STREAM
 from tidemap.services.context import Context
 
@@ -43,9 +43,13 @@ def make_registry(ctx: Context, is_leader: Callable[[], bool] = lambda: False) -
     measurements = Counter("tidemap_measurements", "Measurements stored.", registry=registry)
     events = Counter("tidemap_events", "Messages by kind.", ["kind"], registry=registry)
 
-    listen(ctx.bus, EventFilter(), lambda message: events.labels(message.kind).inc())
-    posted = EventFilter(kinds=frozenset({"observation"}))
-    listen(ctx.bus, posted, lambda message: measurements.inc(message.data["measurements"]))
+    def count(message: EventMessage) -> None:
+        events.labels(message.kind).inc()
+        if message.kind == "observation":
+            measurements.inc(message.data["measurements"])
+
+    # Of this process alone, so that those of several can be added up.
+    ctx.bus.subscribe_own(count)
     return registry
 
 

@@ -1,0 +1,149 @@
+"""The relay: each process on a PostgreSQL database hears what any of them has done."""
+
+import logging
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from time import monotonic
+from typing import Any
+from uuid import uuid4
+
+from sqlalchemy import make_url
+
+from tidemap.errors import BusyError
+from tidemap.events.messages import EventMessage
+from tidemap.events.subscription import EventFilter
+from tidemap.services.context import Context
+from tidemap.services.messages import latest_change, missed_changes
+from tidemap.storage.channel import Channel
+from tidemap.workers.hints import Hint
+from tidemap.workers.worker import Worker
+
+log = logging.getLogger(__name__)
+CATCH_UP_S = 2.0
+"""How often to look for changes of events that came without a hint: their process may have died before it could."""
+LISTEN_S = 0.5
+PAGE = 500
+
+
+class Relay:
+    """One thread delivers what this process published and what others say they did; another one listens to them.
+
+    The rows are the truth: changes of events are read in the order of their numbers, which is that of the commits, so
+    every process delivers the latest of each event once and in that order, whatever becomes of its connections. The
+    rest are hints.
+    """
+
+    def __init__(self, ctx: Context) -> None:
+        self._ctx = ctx
+        self._origin = uuid4().hex
+        self._waiting: deque[EventMessage | Hint] = deque()
+        self._incoming, self._outgoing = Channel(ctx.settings.url), Channel(ctx.settings.url)
+        self._delivery = Worker("relay", CATCH_UP_S, self._deliver_waiting)
+        self._listener = Worker("relay-listener", LISTEN_S, self._listen)
+        self._cursor = 0
+        self._news: dict[int, dict[str, Any]] = {}
+        self._looked = monotonic()
+        self._restore: Callable[[], None] = lambda: None
+
+    def start(self) -> None:
+        """Begin: what the bus is given from now on goes through here."""
+        self._cursor = latest_change(self._ctx)
+        self._restore = self._ctx.bus.redirect(self._put)
+        self._delivery.start()
+        self._listener.start()
+
+    def stop(self) -> None:
+        """End. What the bus is given later is delivered here alone."""
+        self._restore()
+        for worker in (self._listener, self._delivery):
+            worker.request_stop()
+            worker.join()
+        self._incoming.close()
+        self._outgoing.close()
+
+    def alive(self) -> bool:
+        """Whether it is at work."""
+        return self._delivery.alive() and self._listener.alive()
+
+    def _put(self, item: EventMessage | Hint) -> None:
+        self._waiting.append(item)
+        self._delivery.wake()
+
+    def _listen(self) -> None:
+        before = self._incoming.listens
+        heard = [Hint.read(text) for text in self._incoming.listen(LISTEN_S)]
+        if not before:
+            # What was sent before it listened is lost; the rows are not.
+            self._looked = 0.0
+            self._delivery.wake()
+        for hint in heard:
+            if hint.origin != self._origin:
+                self._put(hint)
+        self._listener.wake()
+
+    def _deliver_waiting(self) -> None:
+        if monotonic() - self._looked >= CATCH_UP_S:
+            self._catch_up()
+        hints: list[str] = []
+        while self._waiting:
+            item = self._waiting[0]
+            if isinstance(item, EventMessage):
+                hints.append(Hint.of(self._origin, item).text())
+            self._try(item)
+            # Only now: where the database is away, it is delivered later.
+            self._waiting.popleft()
+        if hints:
+            with suppress(BusyError):
+                self._outgoing.send(hints)
+
+    def _try(self, item: EventMessage | Hint) -> None:
+        """Deliver it here. Raises BusyError where the database is away."""
+        try:
+            if item.kind == "anomaly":
+                self._note(item.id, item.data)
+                self._catch_up()
+            elif isinstance(item, Hint):
+                self._ctx.caches.locations.forget()
+                self._ctx.bus.deliver(item.message())
+            else:
+                self._ctx.bus.deliver(item)
+        except BusyError:
+            raise
+        except Exception:
+            log.exception("a message was not delivered: %s", item)
+
+    def _note(self, event_id: int, data: Mapping[str, Any]) -> None:
+        """Take note of what the rows do not say of a change that is not delivered yet."""
+        if (data.get("change") or 0) <= self._cursor:
+            return
+        known = self._news.get(event_id, {"update": True, "joined": []})
+        joined = [*known["joined"], *(data.get("joined") or [])]
+        self._news[event_id] = {"update": known["update"] and bool(data.get("update")), "joined": joined}
+
+    def _catch_up(self) -> None:
+        """Deliver the changes of events that are stored and were not delivered yet."""
+        page = PAGE
+        while page == PAGE:
+            missed = missed_changes(self._ctx, EventFilter(), self._cursor, PAGE)
+            for message in missed:
+                message.data.update(self._news.pop(message.id, {}))
+                self._ctx.bus.deliver(message)
+                self._cursor = message.position
+            page = len(missed)
+        self._news.clear()
+        self._looked = monotonic()
+
+
+@contextmanager
+def relayed(ctx: Context) -> Iterator[None]:
+    """A relay where other processes may work on the same database."""
+    if make_url(ctx.settings.url).get_backend_name() != "postgresql":
+        yield
+        return
+    relay = Relay(ctx)
+    relay.start()
+    try:
+        yield
+    finally:
+        relay.stop()
