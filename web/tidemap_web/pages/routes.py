@@ -37,17 +37,17 @@ def router(ctx: Context) -> APIRouter:
     @routes.get("/locations/{name}", response_model=None)
     def location(request: Request, name: str) -> Response:
         """One location."""
-        return _guarded(ctx, request, "location.html", lambda: {**_location(ctx, name), **_events(ctx, name)})
+        return _guarded(ctx, request, "location.html", lambda: _whole(ctx, request, name))
 
     @routes.get("/fragments/locations/{name}", response_model=None)
     def facts_fragment(request: Request, name: str) -> Response:
         """A location's facts alone, to refresh them."""
-        return _guarded(ctx, request, "location_facts.html", lambda: _location(ctx, name))
+        return _guarded(ctx, request, "location_facts.html", lambda: _location(ctx, request, name))
 
     @routes.get("/fragments/locations/{name}/anomalies", response_model=None)
     def anomalies_fragment(request: Request, name: str) -> Response:
         """A location's anomalies alone, to refresh them."""
-        return _guarded(ctx, request, "anomalies_table.html", lambda: _events(ctx, name))
+        return _guarded(ctx, request, "anomalies_table.html", lambda: _events(ctx, request, name))
 
     _add_session(ctx, routes)
     return routes
@@ -108,19 +108,25 @@ def _guarded(ctx: Context, request: Request, template: str, facts: Callable[[], 
 
 def _locations(ctx: Context, request: Request) -> Facts:
     return {
-        "locations": locations.list_locations(ctx),
+        "locations": locations.list_locations(ctx, scope=guard.scope_of(request)),
         "now": ctx.clock(),
         "origin": str(request.base_url).rstrip("/"),
     }
 
 
-def _location(ctx: Context, name: str) -> Facts:
+def _whole(ctx: Context, request: Request, name: str) -> Facts:
+    return {**_location(ctx, request, name), **_events(ctx, request, name)}
+
+
+def _location(ctx: Context, request: Request, name: str) -> Facts:
+    guard.check_location(request, name)
     location = locations.get_location(ctx, name)
     return {"location": location, "now": ctx.clock(), "cells": location.n_cells}
 
 
-def _events(ctx: Context, name: str) -> Facts:
+def _events(ctx: Context, request: Request, name: str) -> Facts:
     """The newest events, newest first."""
+    guard.check_location(request, name)
     location = locations.get_location(ctx, name)
     since = (location.last_time or 0.0) - RECENT_S
     found = anomalies.list_events(ctx, anomalies.EventQuery(location=name, start=since, limit=None))

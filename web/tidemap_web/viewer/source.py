@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from tidemap.errors import LocationNotFoundError
+from tidemap.scope import EVERYWHERE, Scope
 from tidemap.services import anomalies, locations, state
 from tidemap.services.anomalies import Anomaly
 from tidemap.services.context import Context
@@ -55,10 +56,11 @@ class Source(Protocol):
 
 
 class Services:
-    """The source over the services of a running server."""
+    """The source over the services of a running server, for who may see the locations of a scope: others are none."""
 
-    def __init__(self, ctx: Context) -> None:
+    def __init__(self, ctx: Context, scope: Scope = EVERYWHERE) -> None:
         self._ctx = ctx
+        self._scope = scope
 
     def now(self) -> float:
         """Unix seconds."""
@@ -66,10 +68,12 @@ class Services:
 
     def grids(self) -> list[LocationSummary]:
         """All locations that are grids, by name."""
-        return [location for location in locations.list_locations(self._ctx) if location.grid is not None]
+        found = locations.list_locations(self._ctx, scope=self._scope)
+        return [location for location in found if location.grid is not None]
 
     def grid(self, name: str) -> LocationSummary:
         """One grid with what is known of it."""
+        self._check(name)
         location = locations.get_location(self._ctx, name)
         if location.grid is None:
             raise LocationNotFoundError(name)
@@ -77,6 +81,7 @@ class Services:
 
     def state(self, question: Question) -> ViewedState:
         """The state at a time."""
+        self._check(question.location)
         query = state.StateQuery(
             time=question.time,
             confidence=question.confidence,
@@ -87,4 +92,9 @@ class Services:
 
     def events(self, name: str, start: float) -> list[Anomaly]:
         """Anomalies since `start`."""
+        self._check(name)
         return anomalies.list_events(self._ctx, anomalies.EventQuery(location=name, start=start, limit=MARKS))
+
+    def _check(self, name: str) -> None:
+        if not self._scope.holds(name):
+            raise LocationNotFoundError(name)
