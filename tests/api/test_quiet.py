@@ -7,10 +7,12 @@ import pytest
 
 from tests.api.house import DAY, HOUR, NOW, Api, done, open_house, problem
 from tests.support.databases import Databases
+from tests.support.waiting import until
 from tidemap.events.messages import EventMessage
 from tidemap.schemas.common import iso
-from tidemap.services.ending import end_events, end_snoozes
+from tidemap.services.ending import end_events
 from tidemap.services.locations import find_location
+from tidemap.services.snoozing import end_snoozes
 
 MINUTE = 60.0
 
@@ -52,23 +54,26 @@ def unheard(house: Api, name: str) -> tuple[int, list[bool]]:
 def test_a_snoozed_event_grows_unheard_and_comes_back(house: Api, heard: list[EventMessage]) -> None:
     name = door(house)
     number = alarm(house, name, 0)["id"]
-    until = house.clock.now + HOUR
-    snoozed = done(house.post(f"/anomalies/{number}/snooze", {"until": until}))
-    assert (snoozed["snoozed_by"], snoozed["snoozed_until"]) == ("anybody", iso(until))
+    until(lambda: len(heard) == 1)
+    over = house.clock.now + HOUR
+    snoozed = done(house.post(f"/anomalies/{number}/snooze", {"until": over}))
+    assert (snoozed["snoozed_by"], snoozed["snoozed_until"]) == ("anybody", iso(over))
     assert alarm(house, name, 1)["id"] == number
     assert unheard(house, name) == (0, [False])
     assert len(heard) == 1
     end_snoozes(house.ctx)
     assert len(heard) == 1
-    house.clock.now = until
+    house.clock.now = over
     end_snoozes(house.ctx)
     end_snoozes(house.ctx)
+    until(lambda: len(heard) == 2)
     last = heard[-1].wire()
     assert (len(heard), last["update"], last["snoozed_until"], last["stop"]) == (2, True, None, iso(NOW + 2 * MINUTE))
     assert unheard(house, name) == (1, [False])
-    form = {"until": until}
+    form = {"until": over}
     problem(house.post(f"/anomalies/{number}/snooze", form), 422, "invalid-input")
     assert done(house.post(f"/anomalies/{number}/snooze", {"until": None}))["snoozed_by"] is None
+    until(lambda: len(heard) == 3)
 
 
 def test_an_event_in_a_muted_time_is_stored_and_heard_when_it_outlasts_it(
@@ -86,6 +91,7 @@ def test_an_event_in_a_muted_time_is_stored_and_heard_when_it_outlasts_it(
     assert heard == []
     alarm(house, name, 2)
     assert unheard(house, name) == (1, [False])
+    until(lambda: heard)
     assert [(each.id, each.wire()["update"]) for each in heard] == [(number, False)]
     alarm(house, name, 60)
     assert house.request("DELETE", f"/mutes/{mute['id']}").status_code == 204
@@ -140,10 +146,12 @@ def test_an_event_ends_when_nothing_can_continue_it(house: Api, heard: list[Even
     name = door(house)
     now, house.clock.now = house.clock.now, NOW + MINUTE
     number = alarm(house, name, 0)["id"]
+    until(lambda: heard)
     for minutes, ended in ((3.9, False), (4.1, True), (5.0, True)):
         house.clock.now = NOW + minutes * MINUTE
         end_events(house.ctx, find_location(house.ctx, name), NOW + MINUTE)
         assert done(house.get(f"/anomalies/{number}"))["ended"] is ended
+    until(lambda: len(heard) == 2)
     assert [(each.wire()["update"], each.wire()["ended"]) for each in heard] == [(False, False), (True, True)]
     house.clock.now = now
     late = alarm(house, name, 1)

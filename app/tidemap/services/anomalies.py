@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.errors import InvalidInputError, refuse_reversed
+from tidemap.errors import refuse_reversed
 from tidemap.scope import EVERYWHERE, Scope
 from tidemap.services.context import Context
 from tidemap.storage.records import SEEN_FREE, SEEN_OCCUPIED, AnomalyRecord, LocationRecord
@@ -82,19 +82,6 @@ def changed_events(ctx: Context, location: str | None, scope: Scope, after: int,
         records = work.anomalies.changed(after, limit, only.id if only else None, scope)
         locations = {each.id: each for each in ([only] if only else work.locations.list() if records else [])}
     return [_known(ctx, locations[record.location_id], record) for record in records]
-
-
-def snooze(ctx: Context, anomaly_id: int, by: str, until: float | None) -> Anomaly:
-    """Nobody hears of an event until a time, or from now on they do again. Raises AnomalyNotFoundError,
-    InvalidInputError where the time has passed."""
-    if until is not None and until <= ctx.clock():
-        raise InvalidInputError.at("until", "this time has passed; give a later one, or null to hear of it again")
-
-    def run(work: Work) -> tuple[LocationRecord, AnomalyRecord]:
-        record = work.anomalies.snooze(anomaly_id, by, until)
-        return work.locations.by_id(record.location_id), record
-
-    return _known(ctx, *ctx.store.write(run))
 
 
 def get_event(ctx: Context, anomaly_id: int) -> Anomaly:

@@ -1,4 +1,4 @@
-"""Ending: events that nothing continues any more have ended, and snoozes are over; who listens hears of both."""
+"""Ending: events that nothing continues any more have ended, and who listens hears of that."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -22,24 +22,14 @@ def end_events(ctx: Context, location: LocationRecord, first_stop: float) -> Non
     def end(work: Work) -> list[EventChange]:
         before = ended_before(work.locations.lock(location.id), ctx.clock())
         events = work.anomalies.due_to_end(location.id, before)
-        return _marked(work, [replace(event, ended=True) for event in events])
+        return marked(work, [replace(event, ended=True) for event in events])
 
     ctx.store.write(end, lambda changes: publish_events(ctx, changes))
 
 
-def end_snoozes(ctx: Context) -> None:
-    """Publish the events whose snooze is over."""
-    with ctx.store.read() as work:
-        if not work.anomalies.awake(ctx.clock()):
-            return
-
-    def wake(work: Work) -> list[EventChange]:
-        events = work.anomalies.awake(ctx.clock())
-        return _marked(work, [replace(event, snoozed_by=None, snoozed_until=None) for event in events])
-
-    ctx.store.write(wake, lambda changes: publish_events(ctx, changes))
-
-
-def _marked(work: Work, events: Sequence[AnomalyRecord]) -> list[EventChange]:
-    marked = work.anomalies.mark(events)
-    return [EventChange(anomaly_of(work.locations.by_id(each.location_id), each), "updated") for each in marked]
+def marked(work: Work, events: Sequence[AnomalyRecord]) -> list[EventChange]:
+    """Store what is said of events beside what they show; what has become of them."""
+    return [
+        EventChange(anomaly_of(work.locations.by_id(each.location_id), each), "updated")
+        for each in work.anomalies.mark(events)
+    ]

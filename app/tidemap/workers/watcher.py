@@ -4,8 +4,9 @@ import time
 from collections.abc import Callable
 
 from tidemap.services.context import Context
-from tidemap.services.ending import end_events, end_snoozes
+from tidemap.services.ending import end_events
 from tidemap.services.silence import Silences
+from tidemap.services.snoozing import end_snoozes
 from tidemap.services.standing import judge_standing, standing_locations
 from tidemap.storage.records import LocationRecord
 from tidemap.workers.election import LeaderElection, LeaderTerm

@@ -35,11 +35,12 @@ from tidemap.schemas.anomalies import (
     SnoozeForm,
 )
 from tidemap.schemas.common import Page
-from tidemap.services.anomalies import EventQuery, acknowledge, get_event, list_events, snooze
+from tidemap.services.anomalies import EventQuery, acknowledge, get_event, list_events
 from tidemap.services.confidence import find_confidence
 from tidemap.services.context import Context
 from tidemap.services.detect import DetectQuery, detect
 from tidemap.services.reasons import reasons
+from tidemap.services.snoozing import snooze
 
 router = APIRouter(tags=["anomalies"], route_class=FormRoute)
 Surprise = Annotated[float | None, Query(ge=0, le=1)]

@@ -157,10 +157,9 @@ class AnomalyRepository:
         self._connection.execute(update(anomaly).where(anomaly.c.id == known).values(**values))
         return self.get(known)
 
-    def snooze(self, anomaly_id: int, by: str, until: float | None) -> AnomalyRecord:
-        """Nobody hears of an event until a time; None: from now on they do again. Raises AnomalyNotFoundError."""
-        record = self.get(self._locked(anomaly_id))
-        return self.mark([replace(record, snoozed_by=None if until is None else by, snoozed_until=until)])[0]
+    def locked(self, anomaly_id: int) -> AnomalyRecord:
+        """As `get`, and nobody else changes it meanwhile. Raises AnomalyNotFoundError."""
+        return self.get(self._locked(anomaly_id))
 
     def _locked(self, anomaly_id: int) -> int:
         """The id of the event, or of the older one that it is a part of, which nobody else changes meanwhile."""
