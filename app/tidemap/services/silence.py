@@ -5,12 +5,13 @@ when a server listens: what happened while none did nobody knows.
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.errors import CorruptChunkError
+from tidemap.errors import CorruptChunkError, LocationNotFoundError
 from tidemap.services.anomalies import anomaly_of
 from tidemap.services.context import Context
 from tidemap.services.incidents import EventChange
@@ -78,7 +79,9 @@ class Silences:
         self._heard = {each.id: known.get(each.id) or _Heard(nothing, 0, None, None, ctx.clock()) for each in locations}
         for location in locations:
             check()
-            self._attend(ctx, location, self._heard[location.id])
+            # One may be deleted meanwhile.
+            with suppress(LocationNotFoundError):
+                self._attend(ctx, location, self._heard[location.id])
 
     def _listen(self, ctx: Context) -> None:
         """Take note that a server listens, since when it has."""
