@@ -23,6 +23,7 @@ from tidemap.api.routers import (
     keys,
     locations,
     maps,
+    mutes,
     observations,
     scans,
     webhooks,
@@ -38,7 +39,8 @@ from tidemap.version import __version__
 
 BASE = dependencies.BASE
 ROUTERS = tuple(
-    each.router for each in (locations, observations, scans, maps, export, anomalies, jobs, keys, audit, webhooks)
+    each.router
+    for each in (locations, observations, scans, maps, export, anomalies, jobs, keys, audit, webhooks, mutes)
 )
 _REASONS = {
     400: "The body cannot be read.",

@@ -72,13 +72,12 @@ class ServerSentEvents(Response):
 
 
 def block_of(message: EventMessage) -> bytes:
-    """A message as a block of the stream; a new anomaly's id is the point to resume from.
+    """A message as a block of the stream; the number of an anomaly's change is the point to resume from.
 
-    >>> block_of(EventMessage("anomaly", "lab", 7, 0.0))
-    b'id: 7\\ndata: {"kind":"anomaly","location":"lab","id":7,"time":"1970-01-01T00:00:00Z"}\\n\\n'
+    >>> block_of(EventMessage("anomaly", "lab", 7, 0.0, {"change": 9}))
+    b'id: 9\\ndata: {"change":9,"kind":"anomaly","location":"lab","id":7,"time":"1970-01-01T00:00:00Z"}\\n\\n'
     """
-    is_new = message.kind == "anomaly" and not message.data.get("update")
-    head = b"id: %d\n" % message.id if is_new else b""
+    head = b"id: %d\n" % message.position if message.kind == "anomaly" else b""
     return head + b"data: " + orjson.dumps(message.wire()) + b"\n\n"
 
 

@@ -7,7 +7,7 @@ from typing import Any, Literal
 from tidemap.schemas.common import iso
 
 Kind = Literal["observation", "anomaly", "update", "job", "location"]
-TIMES = ("start", "stop", "acknowledged_at")
+TIMES = ("start", "stop", "acknowledged_at", "snoozed_until")
 """What is written as ISO 8601 of the data."""
 
 
@@ -25,9 +25,9 @@ class EventMessage:
     data: dict[str, Any] = field(default_factory=dict)
 
     @property
-    def is_new_anomaly(self) -> bool:
-        """Whether it is the first one of an event."""
-        return self.kind == "anomaly" and not self.data.get("update")
+    def position(self) -> int:
+        """Of an anomaly the number of this change: who resumes behind it hears of all later ones."""
+        return int(self.data.get("change") or self.id)
 
     def wire(self) -> dict[str, Any]:
         """As it goes over the WebSocket."""

@@ -21,14 +21,14 @@ KINDS: frozenset[str] = frozenset(get_args(Kind))
 REPLAY_PAGE = 500
 """Missed messages that are asked for at once."""
 Replay = Callable[[int, int], Awaitable[Sequence[EventMessage]]]
-"""The stored anomalies after an id, oldest first, at most so many: (after, limit)."""
+"""The anomalies that changed after a number, in order of that, at most so many: (after, limit)."""
 
 
 @dataclass(frozen=True, slots=True)
 class EventFilter:
     """Which messages somebody wants: of one location or all that they may see, of some kinds.
 
-    `after` is the last anomaly that is known already; with it, those since are wanted too.
+    `after` is the last change of an anomaly that is known already; with it, those since are wanted too.
     """
 
     location: str | None = None
@@ -140,7 +140,7 @@ class EventStream(AbstractContextManager["EventStream"]):
         if not self._missed:
             return None
         message = self._missed.popleft()
-        self._last = message.id
+        self._last = message.position
         return message
 
     async def _next_new(self) -> EventMessage:
@@ -150,7 +150,7 @@ class EventStream(AbstractContextManager["EventStream"]):
             if message is None:
                 self._filled.clear()
                 await self._filled.wait()
-            elif message.kind != "anomaly" or message.id > self._last or message.data.get("update"):
+            elif message.kind != "anomaly" or message.position > self._last:
                 return message
 
     def _wake(self) -> None:

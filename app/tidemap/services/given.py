@@ -11,7 +11,7 @@ from tidemap.history.history import OCCUPIED
 from tidemap.services.beliefs import beliefs_at, detector_of
 from tidemap.services.context import Context, KeptEvidence
 from tidemap.services.history import read_times
-from tidemap.services.readings import Readings, readings_at
+from tidemap.services.readings import ALWAYS, Readings, held_until, readings_at
 from tidemap.services.spectra import Fitted
 from tidemap.spectral.belief import Beliefs
 from tidemap.spectral.conditioning import Evidence, Standing
@@ -28,7 +28,7 @@ Given = Literal["observations", "model"]
 class Known:
     """What was read of some cells (n,) at or before a moment, as evidence for later times.
 
-    Those of `damaged` chunks look as if never read.
+    Those of `damaged` chunks look as if never read. until: as of KeptEvidence.
     """
 
     ctx: Context
@@ -37,6 +37,7 @@ class Known:
     evidence: Evidence | Beliefs
     damaged: list[int]
     standing: Standing
+    until: NDArray[np.int64] | None = None
 
     def condition(self, probability: NDArray[np.float32], time: NDArray[np.float64]) -> NDArray[np.float32]:
         """The model's p (n, m) at times (m,), conditioned where a time is later than a cell's reading."""
@@ -52,7 +53,8 @@ class Known:
         sample = self.model.location.base.sample(np.array([time]))
 
         def some(rows: slice, probability: NDArray[np.float32], out: NDArray[np.float32]) -> None:
-            known = replace(self, cell=self.cell[rows], evidence=evidence.part(rows))
+            until = None if self.until is None else self.until[rows]
+            known = replace(self, cell=self.cell[rows], evidence=evidence.part(rows), until=until)
             known._conditioned(probability[:, np.newaxis], sample, out[:, np.newaxis])
 
         return some
@@ -69,7 +71,23 @@ class Known:
     def _conditioned(
         self, probability: NDArray[np.float32], sample: NDArray[np.int64], out: NDArray[np.float32] | None = None
     ) -> NDArray[np.float32]:
-        """The same by samples; written to `out` where that is given, as `Evidence.condition` takes it."""
+        """The same by samples; what sensors ended at different times is conditioned apart.
+
+        Written to `out` where that is given, as `Evidence.condition` takes it.
+        """
+        if self.until is None:
+            return self._alike(probability, sample, out)
+        found = np.empty(probability.shape, np.float32) if out is None else out
+        for last in np.unique(self.until).tolist():
+            rows = np.flatnonzero(self.until == last)
+            standing = replace(self.standing, limit=min(self.standing.limit, last))
+            found[rows] = replace(self.rows(rows), standing=standing)._alike(probability[rows], sample)
+        return found
+
+    def _alike(
+        self, probability: NDArray[np.float32], sample: NDArray[np.int64], out: NDArray[np.float32] | None = None
+    ) -> NDArray[np.float32]:
+        """The same of cells that stand alike."""
         if isinstance(self.evidence, Beliefs):
             return self.evidence.condition(probability, sample, self.standing, out)
         interval_s, revision = self.model.location.interval_s, self.model.revision
@@ -89,7 +107,8 @@ class Known:
 
     def rows(self, rows: NDArray[np.int64]) -> "Known":
         """The same of some rows, in any order."""
-        return replace(self, cell=self.cell[rows], evidence=self.evidence.rows(rows))
+        until = None if self.until is None else self.until[rows]
+        return replace(self, cell=self.cell[rows], evidence=self.evidence.rows(rows), until=until)
 
     def _read_at(self, rows: NDArray[np.int64]) -> NDArray[np.float64]:
         """When the cells of some rows were read, to the last bit."""
@@ -112,7 +131,7 @@ def known_at(ctx: Context, model: Fitted, cells: NDArray[np.int64], moment: floa
         kept = _found(ctx, model, cells, moment)
     limit = int(location.base.sample(min(moment, ctx.clock())))
     standing = Standing(location.hold_samples or 0, limit)
-    return Known(ctx, model, cells, kept.evidence, kept.damaged, standing)
+    return Known(ctx, model, cells, kept.evidence, kept.damaged, standing, kept.until)
 
 
 def _found(ctx: Context, model: Fitted, cells: NDArray[np.int64], moment: float) -> KeptEvidence:
@@ -120,14 +139,22 @@ def _found(ctx: Context, model: Fitted, cells: NDArray[np.int64], moment: float)
     detector, first = detector_of(model), model.location.first_time
     if detector is not None:
         nothing = Beliefs.none(len(cells), detector)
-        early = first is None or moment < first
-        return KeptEvidence(nothing, []) if early else beliefs_at(ctx, model, cells, moment, nothing)
+        if first is None or moment < first:
+            return KeptEvidence(nothing, [])
+        return _bounded(ctx, model, cells, moment, beliefs_at(ctx, model, cells, moment, nothing))
     readings = readings_at(ctx, model.location, moment, cells)
     runs = readings.runs
     age = np.where(readings.known, runs.sample - np.where(readings.known, runs.begin, 0) + 1, 0)
     likely = _likelihood(model, cells, readings)
     evidence = Evidence(runs.state, runs.sample, np.minimum(age, 2**32 - 1).astype(np.uint32), likely)
-    return KeptEvidence(evidence, readings.damaged)
+    return _bounded(ctx, model, cells, moment, KeptEvidence(evidence, readings.damaged))
+
+
+def _bounded(ctx: Context, model: Fitted, cells: NDArray[np.int64], moment: float, kept: KeptEvidence) -> KeptEvidence:
+    """What is kept, held no longer than until sensors said that they are unavailable."""
+    if not model.location.hold_samples:
+        return kept
+    return replace(kept, until=held_until(ctx, model.location, moment, cells, kept.evidence.sample))
 
 
 def _likelihood(model: Fitted, cells: NDArray[np.int64], readings: Readings) -> NDArray[np.float32]:
@@ -167,7 +194,7 @@ def kept_evidence(ctx: Context, model: Fitted, cells: NDArray[np.int64]) -> Kept
         rows = np.searchsorted(whole, cells)
         if held is None or not np.array_equal(whole[np.minimum(rows, len(whole) - 1)], cells):
             return None
-        return KeptEvidence(held.evidence.rows(rows), held.damaged)
+        return held.rows(rows)
     if cells is not whole and not np.array_equal(whole, cells):
         return None
     return ctx.caches.evidence.get(key, version, lambda: _renewed(ctx, model, cells, version))
@@ -196,12 +223,23 @@ def _moved(
     latest = cast(float, model.location.last_time)
     if not isinstance(kept.evidence, Beliefs):
         new = _found(ctx, model, cells[rows], latest)
-        return KeptEvidence(kept.evidence.replaced(rows, cast(Evidence, new.evidence)), new.damaged)
+        evidence = kept.evidence.replaced(rows, cast(Evidence, new.evidence))
+        return KeptEvidence(evidence, new.damaged, _replaced(kept, rows, new))
     before = kept.evidence.rows(rows)
     late = np.flatnonzero(model.location.base.sample(first[cells[rows]]) <= before.sample)
     before.put(late, Beliefs.none(len(late), before.detector))
-    new = beliefs_at(ctx, model, cells[rows], latest, before)
-    return KeptEvidence(kept.evidence.replaced(rows, cast(Beliefs, new.evidence)), new.damaged)
+    new = _bounded(ctx, model, cells[rows], latest, beliefs_at(ctx, model, cells[rows], latest, before))
+    beliefs = kept.evidence.replaced(rows, cast(Beliefs, new.evidence))
+    return KeptEvidence(beliefs, new.damaged, _replaced(kept, rows, new))
+
+
+def _replaced(kept: KeptEvidence, rows: NDArray[np.int64], new: KeptEvidence) -> NDArray[np.int64] | None:
+    """Until when what is kept may be held, that of some rows replaced."""
+    if kept.until is None and new.until is None:
+        return None
+    until = np.full(len(kept.evidence.sample), ALWAYS) if kept.until is None else kept.until.copy()
+    until[rows] = ALWAYS if new.until is None else new.until
+    return until
 
 
 def _first_since(ctx: Context, location: LocationRecord, number: int) -> NDArray[np.float64] | None:

@@ -32,6 +32,7 @@ class LocationFilter:
     alarmed: bool = False
     sort: Literal["name", "seen", "anomalies"] = "name"
     descending: bool = False
+    scope: Scope = EVERYWHERE
 
 
 class LocationRepository:
@@ -74,7 +75,7 @@ class LocationRepository:
         return {row.id: row.name for row in rows}
 
     def open_anomalies(self) -> dict[int, int]:
-        """How many unacknowledged anomalies each location id has; ids without any are left out."""
+        """How many unacknowledged anomalies each location id has, neither muted nor snoozed; without those of none."""
         return {row[0]: row[1] for row in self._connection.execute(select(_OPEN))}
 
     def page(self, wanted: LocationFilter, offset: int, limit: int) -> Sequence[tuple[LocationRecord, int]]:
@@ -143,6 +144,7 @@ class LocationRepository:
 _OPEN = (
     select(anomaly.c.location_id, func.count().label("open"))
     .where(anomaly.c.acknowledged.is_(False), anomaly.c.part_of.is_(None))
+    .where(anomaly.c.muted.is_(False), anomaly.c.snoozed_until.is_(None))
     .group_by(anomaly.c.location_id)
     .subquery()
 )
@@ -151,6 +153,7 @@ _COUNTED = func.coalesce(_OPEN.c.open, 0)
 
 def _matching(wanted: LocationFilter) -> Select[Any]:
     query = select(location_table).outerjoin(_OPEN, _OPEN.c.location_id == location_table.c.id)
+    query = query.where(inside(location_table.c.name, wanted.scope))
     if wanted.search:
         query = query.where(location_table.c.name.icontains(wanted.search, autoescape=True))
     return query.where(_COUNTED > 0) if wanted.alarmed else query
