@@ -79,6 +79,7 @@ dist: setup ## Build the wheel and the source distribution into dist/ and check 
 
 browser:
 	@sh tests/support/browser.sh
+	@sh tests/support/programs.sh
 
 clean: ## Remove .venv and everything generated; the data stay
 	@rm -rf .venv dist build .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

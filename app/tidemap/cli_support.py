@@ -55,7 +55,7 @@ def settings_of(arguments: argparse.Namespace) -> "Settings":
     names = Settings.model_fields.keys() & vars(arguments).keys()
     given = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
     settings = Settings(**given)
-    log.configure(settings.log_level)
+    log.configure(settings.log_level, settings.log_format)
     return settings
 
 

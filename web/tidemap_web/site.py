@@ -9,7 +9,7 @@ from fastapi.openapi.docs import get_swagger_ui_html
 from starlette.responses import HTMLResponse
 from starlette.staticfiles import StaticFiles
 
-from tidemap.api.main import BASE
+from tidemap.api.addresses import BASE
 from tidemap.services.context import Context
 from tidemap_web.pages import routes
 from tidemap_web.viewer import proxy

@@ -68,7 +68,8 @@ async def listening(connection: HTTPConnection, wanted: EventFilter, transport: 
     async def missed(after: int, limit: int) -> list[EventMessage]:
         return await run_in_threadpool(missed_anomalies, ctx, wanted, after, limit)
 
-    with state.listeners.count(transport), EventStream(ctx.bus, wanted, ctx.settings.socket_queue, missed) as stream:
+    limit, lag = ctx.settings.socket_queue, state.listeners.lag(transport)
+    with state.listeners.count(transport), EventStream(ctx.bus, wanted, limit, missed, lag) as stream:
         yield stream
         if stream.overflowed.is_set():
             state.listeners.drop(transport)

@@ -8,11 +8,13 @@ from anyio import CapacityLimiter
 from fastapi import FastAPI
 from fastapi.responses import JSONResponse
 
-from tidemap.api import dependencies, errors, live
+from tidemap.api import errors, live
+from tidemap.api.addresses import BASE
 from tidemap.api.budget import Budget
 from tidemap.api.limits import Limits, Senders
 from tidemap.api.metrics import Listeners, RequestMetrics, count_refused, make_registry
 from tidemap.api.privacy import Privacy
+from tidemap.api.request_log import RequestLog
 from tidemap.api.routers import (
     anomalies,
     audit,
@@ -36,7 +38,6 @@ from tidemap.schemas.scans import RangesScan, ScanHeader
 from tidemap.services.context import Context
 from tidemap.version import __version__
 
-BASE = dependencies.BASE
 ROUTERS = tuple(
     each.router for each in (locations, observations, scans, maps, export, anomalies, jobs, keys, audit, webhooks)
 )
@@ -108,6 +109,7 @@ def create_app(
     )
     app.add_middleware(Privacy)
     app.add_middleware(RequestMetrics, registry=metrics)
+    app.add_middleware(RequestLog, access_log=ctx.settings.access_log)
     errors.install(app)
     for router in ROUTERS:
         app.include_router(router, prefix=BASE, responses=_problems())

@@ -1,6 +1,7 @@
 """The repository of locations."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from sqlalchemy import Connection, bindparam, delete, func, insert, select, update
@@ -10,13 +11,22 @@ from tidemap.scope import EVERYWHERE, Scope
 from tidemap.storage.counters import take
 from tidemap.storage.records import LocationRecord
 from tidemap.storage.scoping import inside
-from tidemap.storage.tables import anomaly
+from tidemap.storage.tables import anomaly, revision
 from tidemap.storage.tables import location as location_table
 
 # Built once: every request asks the one, and every reader of history asks the other for every chunk.
 _BY_NAME = select(location_table).where(location_table.c.name == bindparam("name"))
 _BY_ID = select(location_table).where(location_table.c.id == bindparam("id"))
 _LOCKED = _BY_ID.with_for_update()
+
+
+@dataclass(frozen=True, slots=True)
+class LatestTimes:
+    """Unix seconds of a location's latest measurement and of its latest update, None before the first."""
+
+    name: str
+    observed: float | None
+    updated: float | None
 
 
 class LocationRepository:
@@ -57,6 +67,23 @@ class LocationRepository:
         """Name by id."""
         rows = self._connection.execute(select(location_table.c.id, location_table.c.name))
         return {row.id: row.name for row in rows}
+
+    def count(self) -> int:
+        """How many there are."""
+        return int(self._connection.execute(select(func.count()).select_from(location_table)).scalar_one())
+
+    def latest(self, limit: int) -> Sequence[LatestTimes]:
+        """When the oldest locations, at most so many, were last observed and updated."""
+        query = (
+            select(location_table.c.name, location_table.c.last_time, revision.c.updated_at)
+            .outerjoin(
+                revision,
+                (revision.c.location_id == location_table.c.id) & (revision.c.revision == location_table.c.revision),
+            )
+            .order_by(location_table.c.id)
+            .limit(limit)
+        )
+        return [LatestTimes(*row) for row in self._connection.execute(query)]
 
     def open_anomalies(self) -> dict[int, int]:
         """How many unacknowledged anomalies each location id has; ids without any are left out."""
