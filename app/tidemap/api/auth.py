@@ -207,7 +207,11 @@ def refuse_other_sites(connection: HTTPConnection) -> None:
     if origin is None or connection.scope.get("method") in READING:
         return
     if _part(origin, "netloc") != connection.headers.get("host"):
-        raise OtherSiteError(f"A page at {origin} may do nothing here. Programs send a key, and no Origin.")
+        host = connection.headers.get("host")
+        raise OtherSiteError(
+            f"A page at {origin} may do nothing at {host}. Programs send a key, and no Origin. If both are the same "
+            "site, the proxy between has to pass the Host header on."
+        )
 
 
 def _principal(connection: HTTPConnection) -> Principal:
