@@ -38,8 +38,6 @@ class Reader(asyncio.Protocol):
 
     def __init__(self, port: int, transport: str, heard: Heard) -> None:
         self._head = _request(port, transport)
-            f"GET /api/v1/events?kind=observation HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n{REQUESTS[transport]}\r\n\r\n"
-        )
         self._came = heard.came.setdefault(transport, [])
         self._heard = heard
         self._rest = b""

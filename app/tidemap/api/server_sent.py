@@ -1,7 +1,6 @@
 """Server-Sent Events: an answer that goes on, one text block a message (WHATWG HTML, section 9.2)."""
 
 import asyncio
-from collections.abc import Callable
 from contextlib import suppress
 
 import orjson
@@ -9,6 +8,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import Message, Receive, Scope, Send
 
+from tidemap.api.aborting import abort
 from tidemap.api.listening import POSITION, End, listening, serve
 from tidemap.api.state import state_of
 from tidemap.events.messages import EventMessage
@@ -23,8 +23,6 @@ STOP_POLL_S = 0.5
 END_S = 2.0
 """How long the end of the answer may wait for the reader."""
 LAST: Message = {"type": "http.response.body", "body": b""}
-ABORT = "tidemap.abort"
-"""The ASGI extension that ends a connection without waiting for its reader."""
 
 
 class ServerSentEvents(Response):
@@ -46,11 +44,11 @@ class ServerSentEvents(Response):
             await send({"type": "http.response.start", "status": 200, "headers": self.raw_headers})
             carrying = self._send(stream, send), _until_gone(receive), self._until_stopping()
             if await serve(self._request, stream, *carrying) is End.TOO_SLOW:
-                _abort(scope)
+                abort(scope)
             try:
                 await asyncio.wait_for(send(LAST), END_S)
             except TimeoutError:
-                _abort(scope)
+                abort(scope)
                 # It waits until the connection has gone.
                 with suppress(TimeoutError):
                     await asyncio.wait_for(send(LAST), END_S)
@@ -89,10 +87,3 @@ async def _write(send: Send, block: bytes) -> None:
 async def _until_gone(receive: Receive) -> None:
     while (await receive())["type"] != "http.disconnect":
         pass
-
-
-def _abort(scope: Scope) -> None:
-    """What waits for a reader that is stuck would wait for ever."""
-    abort: Callable[[], None] | None = scope.get("extensions", {}).get(ABORT)
-    if abort is not None:
-        abort()

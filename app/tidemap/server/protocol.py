@@ -13,7 +13,7 @@ import orjson
 from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
-from tidemap.api.server_sent import ABORT
+from tidemap.api.aborting import ABORT
 from tidemap.media_types import PROBLEM
 from tidemap.server.census import Census
 
