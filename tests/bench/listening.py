@@ -44,12 +44,15 @@ class Reader(asyncio.Protocol):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Ask."""
+        self._transport = transport
         if isinstance(transport, asyncio.WriteTransport):
             transport.write(self._head)
 
     def data_received(self, data: bytes) -> None:
         """Note what came."""
         now = time.monotonic()
+        if (ping := data.find(b"\x89\x04")) >= 0 and isinstance(self._transport, asyncio.WriteTransport):
+            self._transport.write(b"\x8a\x84\0\0\0\0" + data[ping + 2 : ping + 6])
         data = self._rest + data
         end = 0
         for found in _NUMBER.finditer(data):

@@ -34,6 +34,8 @@ from tidemap.settings import Settings, is_loopback
 Answer = TypeVar("Answer")
 COOKIE = "tidemap_session"
 RECHECK_S = 2.0
+SHARED_S = 1.0
+"""How old a look-up may be that sockets share."""
 ENDED = (4401, "the key or session has ended; sign in again")
 READING = frozenset({"GET", "HEAD", "OPTIONS"})
 
@@ -87,12 +89,24 @@ async def until_ended(connection: HTTPConnection) -> None:
     while True:
         await asyncio.sleep(RECHECK_S)
         try:
-            if await run_in_threadpool(_look_up, connection) != opened_by:
+            if await _shared_look_up(connection) != opened_by:
                 return
         except (UnauthorizedError, OtherSiteError):
             return
         except (DomainError, SQLAlchemyError):
             continue
+
+
+async def _shared_look_up(connection: HTTPConnection) -> Principal:
+    """As `_look_up`, once for all sockets that were opened with the same key or session."""
+    look_ups = state_of(connection).look_ups
+    sent = _bearer(connection), connection.cookies.get(COOKIE)
+    if (task := look_ups.get(sent)) is None:
+        task = look_ups[sent] = asyncio.create_task(run_in_threadpool(_look_up, connection))
+        # The socket that asked may be closed when it fails.
+        task.add_done_callback(lambda ended: ended.cancelled() or ended.exception())
+        asyncio.get_running_loop().call_later(SHARED_S, look_ups.pop, sent, None)
+    return await asyncio.shield(task)
 
 
 def _look_up(connection: HTTPConnection) -> Principal:

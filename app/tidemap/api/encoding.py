@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
-from tidemap.api.aborting import abort
+from tidemap.api.connections import abort
 from tidemap.formats import json_columns
 from tidemap.formats.npy import write_grid
 from tidemap.formats.registry import WRITERS
@@ -98,11 +98,9 @@ def encode_buffer(facts: StateFacts, lease: BufferLease[StateBuffer]) -> Respons
     return Parts((lease.value.arrow.head(_state_facts(facts)), lease.memory.data), ARROW)
 
 
-def encode_grid(facts: StateFacts, grid: NDArray[np.float32]) -> Response:
+def encode_grid(grid: NDArray[np.float32]) -> Response:
     """A dense grid of probabilities in npy."""
-    response = Parts(write_grid(grid), NPY)
-    response.headers["Tidemap-Revision"] = str(facts.revision)
-    return response
+    return Parts(write_grid(grid), NPY)
 
 
 def encode_state(view: StateView, media_type: str) -> Response:

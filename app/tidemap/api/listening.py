@@ -24,6 +24,9 @@ from tidemap.services.messages import latest_anomaly, missed_anomalies
 POSITION = "Last-Event-ID"
 """The header that names the last anomaly before the first message, so that a reader can resume before it has any."""
 
+REST_S = 0.05
+"""After each time that something was sent a reader rests so long, and then gets all that has come meanwhile at once."""
+
 
 class End(Enum):
     """Why a reader hears no more."""

@@ -3,13 +3,12 @@
 import asyncio
 from contextlib import suppress
 
-import orjson
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import Message, Receive, Scope, Send
 
-from tidemap.api.aborting import abort
-from tidemap.api.listening import POSITION, End, listening, serve
+from tidemap.api.connections import abort, bound_buffer
+from tidemap.api.listening import POSITION, REST_S, End, listening, serve
 from tidemap.api.state import state_of
 from tidemap.events.messages import EventMessage
 from tidemap.events.subscription import EventFilter, EventStream
@@ -40,6 +39,7 @@ class ServerSentEvents(Response):
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Send until it ends."""
+        bound_buffer(scope)
         async with listening(self._request, self._wanted, "sse") as stream:
             await send({"type": "http.response.start", "status": 200, "headers": self.raw_headers})
             carrying = self._send(stream, send), _until_gone(receive), self._until_stopping()
@@ -58,10 +58,12 @@ class ServerSentEvents(Response):
         while True:
             try:
                 async with asyncio.timeout(HEARTBEAT_S):
-                    block = block_of(await anext(stream))
+                    first = await anext(stream)
+                block = b"".join(map(block_of, (first, *stream.at_hand())))
             except TimeoutError:
                 block = b": still here\n\n"
             await _write(send, block)
+            await asyncio.sleep(REST_S)
 
     async def _until_stopping(self) -> None:
         stopping = state_of(self._request).stopping
@@ -77,7 +79,7 @@ def block_of(message: EventMessage) -> bytes:
     """
     is_new = message.kind == "anomaly" and not message.data.get("update")
     head = b"id: %d\n" % message.id if is_new else b""
-    return head + b"data: " + orjson.dumps(message.wire()) + b"\n\n"
+    return head + b"data: " + message.encoded + b"\n\n"
 
 
 async def _write(send: Send, block: bytes) -> None:

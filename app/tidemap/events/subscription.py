@@ -137,6 +137,12 @@ class EventStream(AbstractContextManager["EventStream"]):
     async def __anext__(self) -> EventMessage:
         return await self._next_missed() or await self._next_new()
 
+    def at_hand(self) -> list[EventMessage]:
+        """What follows the message that was taken last, as far as nobody has to wait for it."""
+        if self._more or self._missed:
+            return []
+        return list(iter(self._new_at_hand, None))
+
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
@@ -156,14 +162,17 @@ class EventStream(AbstractContextManager["EventStream"]):
 
     async def _next_new(self) -> EventMessage:
         """The next that happens and was not among those missed."""
-        while True:
-            message = self._subscription.take()
-            if message is None:
-                self._filled.clear()
-                await self._filled.wait()
-            elif message.kind != "anomaly" or message.id > self._last or message.data.get("update"):
+        while (message := self._new_at_hand()) is None:
+            self._filled.clear()
+            await self._filled.wait()
+        return message
+
+    def _new_at_hand(self) -> EventMessage | None:
+        while (message := self._subscription.take()) is not None:
+            if message.kind != "anomaly" or message.id > self._last or message.data.get("update"):
                 self._lag(self._subscription.waited_s)
                 return message
+        return None
 
     def _wake(self) -> None:
         self._loop.call_soon_threadsafe(self._woken)

@@ -6,8 +6,8 @@ from contextlib import ExitStack
 import pytest
 from starlette.types import Message
 
-from tidemap.api.aborting import ABORT
 from tidemap.api.budget import Budget
+from tidemap.api.connections import ABORT
 from tidemap.api.encoding import PIECE_BYTES, LeasedResponse
 
 SIZE = 3 * PIECE_BYTES + 1

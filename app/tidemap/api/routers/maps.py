@@ -95,8 +95,14 @@ def _answer(request: Request, ctx: Context, asked: Asked) -> Response:
 
 
 def _encode(ctx: Context, asked: Asked, facts: StateFacts, media_type: str) -> Response:
+    response = _encoded(ctx, asked, facts, media_type)
+    response.headers["Tidemap-Revision"] = str(facts.revision)
+    return response
+
+
+def _encoded(ctx: Context, asked: Asked, facts: StateFacts, media_type: str) -> Response:
     if media_type == NPY:
-        return encode_grid(facts, grid_of(ctx, asked))
+        return encode_grid(grid_of(ctx, asked))
     lease = buffer_of(ctx, asked) if media_type == ARROW else None
     return encode_state(view_of(ctx, asked), media_type) if lease is None else encode_buffer(facts, lease)
 
