@@ -9,6 +9,8 @@ from typing import Literal
 CHATTY = ("alembic", "httpx", "uvicorn.error", "websockets")
 REPORTED = ("sqlalchemy.pool",)
 """What these say of connections that break, with a trace for each, the store says once."""
+REVEALING = ("uvicorn.error", "websockets", "httpcore")
+"""What these say at level debug has the headers of requests in it, and so keys and cookies."""
 NO_REQUEST = "-"
 request_id: ContextVar[str] = ContextVar("request_id", default=NO_REQUEST)
 """The id of the request that is answered; it stands in every line that is logged meanwhile."""
@@ -58,6 +60,8 @@ def configure(level: str, form: Format = "text") -> None:
     handler = logging.StreamHandler()
     handler.setFormatter(FORMATTERS[form]())
     logging.basicConfig(level=level.upper(), handlers=[handler])
+    for name in REVEALING:
+        logging.getLogger(name).setLevel(logging.INFO)
     if level.lower() != "debug":
         for name in CHATTY:
             logging.getLogger(name).setLevel(logging.WARNING)
