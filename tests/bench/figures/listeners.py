@@ -40,8 +40,9 @@ def _measure(server: ServerProcess, length_s: float, each: int) -> Figure:
         held = [stuck(server.port, transport) for transport in ("websocket", "sse")]
         began, before = time.monotonic(), sum(process.cpu_times()[:2])
         sent, early_mb = asyncio.run(_post(server, length_s))
-        cpu = (sum(process.cpu_times()[:2]) - before) / (time.monotonic() - began)
+        length = time.monotonic() - began
         time.sleep(1)
+        cpu = sum(process.cpu_times()[:2]) - before
         late_mb = memory_mb(server.process.pid)
         dropped = _metric(server, "tidemap_listeners_dropped_total")
     for each_held in held:
@@ -59,7 +60,8 @@ def _measure(server: ServerProcess, length_s: float, each: int) -> Figure:
             "heard_share": round(len(all_delays) / max(1, len(sent) * 2 * each), 4),
             **{f"{name}_p99_ms": round(quantile(values, 0.99) * 1e3) for name, values in delays.items()},
             "median_ms": round(quantile(all_delays, 0.5) * 1e3),
-            "server_cpu": round(cpu, 2),
+            "server_cpu": round(cpu / length, 2),
+            "server_us_per_message": round(cpu / max(1, len(all_delays)) * 1e6, 2),
             "early_mb": round(early_mb),
             "late_mb": round(late_mb),
             "stuck_dropped": int(dropped),
