@@ -42,7 +42,7 @@ def ask(api: Api) -> dict[str, Any]:
         "update_location": api.post(f"{here}/update?wait=60", {"estimator": "fft", "order": 2}).json(),
     }
     api.post("/locations", LAB)
-    api.look("lab", (NOW - 3600, [0], [1]))
+    api.post("/locations/lab/observations", {"observations": [{"time": NOW - 3600, "occupied": [0], "free": [1]}]})
     api.update("lab")
     webhook = api.post("/webhooks", {"url": "https://alarms.example.org/tidemap"}).json()
     seen = api.observe("office-door", [NOW + 1800], [1])

@@ -220,6 +220,7 @@ def _serve_at(bound: socket, settings: "Settings", demo: bool) -> int:
 def _worker(arguments: argparse.Namespace) -> int:
     from tidemap.server.memory import periodic_trim, tune_malloc
     from tidemap.server.processes import stop_on_signals, work
+    from tidemap.server.warming import warm_up
     from tidemap.services.context import open_context
     from tidemap.storage.store import prepare_database
 
@@ -227,7 +228,14 @@ def _worker(arguments: argparse.Namespace) -> int:
     tune_malloc()
     prepare_database(settings.url)
     with open_context(settings) as ctx, periodic_trim():
-        work(ctx, stop_on_signals())
+        stop = stop_on_signals()
+        if settings.dask_scheduler is None:
+            work(ctx, stop)
+        else:
+            from tidemap.workers.dask_worker import serve_cluster
+
+            warm_up()
+            serve_cluster(ctx, settings.dask_scheduler, stop)
     return DONE
 
 

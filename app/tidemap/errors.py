@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 MAX_ERRORS = 100
 """Fields that one error names; a body may have a million wrong ones."""
@@ -20,6 +21,18 @@ class DomainError(Exception):
 
     code = "error"
     title = "Error"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """For pickle, which would give `__init__` the message: errors come back from other processes too."""
+        return _same, (type(self), self.args, self.__dict__)
+
+
+def _same(kind: type[DomainError], args: tuple[Any, ...], state: dict[str, Any]) -> DomainError:
+    """An error as it was, not made anew."""
+    error = kind.__new__(kind, *args)
+    error.args = args
+    error.__dict__.update(state)
+    return error
 
 
 class NotFoundError(DomainError):
@@ -400,6 +413,18 @@ class NotLeaderError(BusyError):
         super().__init__("Another process on this database does the background work now; nothing was stored.")
 
 
+class ClusterUnavailableError(BusyError):
+    """The scheduler of the Dask cluster does not answer."""
+
+    code = "cluster-unavailable"
+    title = "Cluster unavailable"
+
+    def __init__(self, address: str) -> None:
+        super().__init__(
+            f"The Dask scheduler at {address} does not answer. Updates wait for it; check TIDEMAP_DASK_SCHEDULER."
+        )
+
+
 class CorruptChunkError(DomainError):
     """A stored blob fails its checksum or cannot be read."""
 
@@ -409,10 +434,6 @@ class CorruptChunkError(DomainError):
     def __init__(self, what: str, why: str) -> None:
         super().__init__(f"The stored {what} is corrupt: {why}. Restore it from a backup; the rest is readable.")
         self.what, self.why = what, why
-
-    def __reduce__(self) -> tuple[type, tuple[str, str]]:
-        """For pickle, which would give `__init__` the message alone."""
-        return type(self), (self.what, self.why)
 
 
 class SchemaVersionError(DomainError):

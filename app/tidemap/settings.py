@@ -1,6 +1,7 @@
 """Every setting of the server on one page. Each can be set as an environment variable `TIDEMAP_<NAME>`."""
 
 import ipaddress
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 from urllib.parse import quote
@@ -132,7 +133,12 @@ class Settings(BaseSettings):
         DAY_S, gt=0, description="… or, where there are any at all, so long after the last update."
     )
     update_rest_s: float = Field(30.0, ge=0, description="At least this long is between two updates.")
-    update_threads: int = Field(2, gt=0, description="Threads one update may use.")
+    update_threads: int = Field(2, gt=0, description="Threads one update may use, or a worker of a Dask cluster.")
+    dask_scheduler: str | None = Field(
+        None,
+        description="Address of a Dask scheduler (tcp://…, tls://…): updates run on the workers of its cluster, and "
+        "`tidemap worker` starts one. It must share the database, and nobody else may reach it: it runs any code.",
+    )
 
     # Reading and streaming
     history_cache_bytes: int = Field(256 * 2**20, ge=0, description="Memory for unpacked history.")
@@ -178,6 +184,15 @@ class Settings(BaseSettings):
         if url is not None and not url.startswith(("postgresql+psycopg://", "sqlite:///")):
             raise ValueError("give postgresql+psycopg://user@host/name, or sqlite:///path")
         return url
+
+    @field_validator("dask_scheduler")
+    @classmethod
+    def _reachable_scheduler(cls, address: str | None) -> str | None:
+        if address is not None and not address.startswith(("tcp://", "tls://")):
+            raise ValueError("give tcp://host:port, or tls://host:port")
+        if address is not None and find_spec("distributed") is None:
+            raise ValueError("updates on Dask need its package; run: pip install 'tidemap[dask]'")
+        return address
 
     @property
     def keyless(self) -> bool:

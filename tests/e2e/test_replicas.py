@@ -113,6 +113,22 @@ def test_a_job_is_done_whichever_replica_was_asked(replica: Sites, database_url:
         assert site.http.get(f"/locations/{room}/state", params={"time": 5}).status_code == 200
 
 
+def test_each_hears_what_was_posted_to_another(replica: Sites, postgres: Postgres) -> None:
+    with PostgresDatabases(postgres).migrated() as url:
+        first, second = two(replica, url)
+        room = second.empty_room()
+        with first.events(f"?location={room}&kind=anomaly") as here, second.events(f"?location={room}") as there:
+            for number in range(10):
+                (first, second)[number % 2].observe(room, [100 + 2 * number], [1])
+            ids = [message["id"] for message in listen_for(here, 10)]
+            heard_there = heard(there, 20)
+        assert ids == first.anomalies(location=room) == sorted(ids)
+        assert [each["id"] for each in heard_there if each["kind"] == "anomaly"] == ids
+        assert len([each for each in heard_there if each["kind"] == "observation"]) == 10
+        counted = [site.metric('tidemap_events_total{kind="anomaly"}') for site in (first, second)]
+        assert counted == [5, 5]
+
+
 def test_one_that_stops_leaves_the_work_to_another(replica: Sites, database_url: str) -> None:
     first, second = two(replica, database_url)
     assert first.server.stop() == 0

@@ -135,10 +135,10 @@ def test_the_health_check_is_python_that_compiles(final: dict[str, str]) -> None
 
 def test_compose_has_no_default_password_and_names_its_volumes(compose: dict[str, Any]) -> None:
     for service in compose["services"].values():
-        for variable, value in service["environment"].items():
+        for variable, value in service.get("environment", {}).items():
             if "PASSWORD" in variable:
                 assert re.match(r"\$\{POSTGRES_PASSWORD:\?.+}$", value), variable
-        for volume in service["volumes"]:
+        for volume in service.get("volumes", []):
             assert volume.split(":")[0] in compose["volumes"]
 
 

@@ -35,7 +35,7 @@ Answer = TypeVar("Answer")
 COOKIE = "tidemap_session"
 RECHECK_S = 2.0
 SHARED_S = 1.0
-"""How old a look-up may be that sockets share."""
+"""How old a check of a key may be that sockets share."""
 ENDED = (4401, "the key or session has ended; sign in again")
 READING = frozenset({"GET", "HEAD", "OPTIONS"})
 
@@ -89,7 +89,7 @@ async def until_ended(connection: HTTPConnection) -> None:
     while True:
         await asyncio.sleep(RECHECK_S)
         try:
-            if await _shared_look_up(connection) != opened_by:
+            if await _shared_check(connection) != opened_by:
                 return
         except (UnauthorizedError, OtherSiteError):
             return
@@ -97,15 +97,15 @@ async def until_ended(connection: HTTPConnection) -> None:
             continue
 
 
-async def _shared_look_up(connection: HTTPConnection) -> Principal:
+async def _shared_check(connection: HTTPConnection) -> Principal:
     """As `_look_up`, once for all sockets that were opened with the same key or session."""
-    look_ups = state_of(connection).look_ups
+    key_checks = state_of(connection).key_checks
     sent = _bearer(connection), connection.cookies.get(COOKIE)
-    if (task := look_ups.get(sent)) is None:
-        task = look_ups[sent] = asyncio.create_task(run_in_threadpool(_look_up, connection))
+    if (task := key_checks.get(sent)) is None:
+        task = key_checks[sent] = asyncio.create_task(run_in_threadpool(_look_up, connection))
         # The socket that asked may be closed when it fails.
         task.add_done_callback(lambda ended: ended.cancelled() or ended.exception())
-        asyncio.get_running_loop().call_later(SHARED_S, look_ups.pop, sent, None)
+        asyncio.get_running_loop().call_later(SHARED_S, key_checks.pop, sent, None)
     return await asyncio.shield(task)
 
 

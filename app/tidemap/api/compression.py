@@ -25,7 +25,7 @@ ENCODINGS: dict[str, Callable[[], Any]] = {
 """In the order of our liking."""
 
 
-class Compression:
+class AnswerCompression:
     """ASGI middleware: answers are compressed as Accept-Encoding allows."""
 
     def __init__(self, app: ASGIApp) -> None:

@@ -10,7 +10,7 @@ from starlette.middleware.cors import CORSMiddleware
 from tidemap.api import errors, live, openapi
 from tidemap.api.addresses import BASE
 from tidemap.api.budget import Budget
-from tidemap.api.compression import Compression
+from tidemap.api.compression import AnswerCompression
 from tidemap.api.limits import Limits, Senders
 from tidemap.api.metrics import Listeners, RequestMetrics, count_refused, make_registry
 from tidemap.api.privacy import Privacy
@@ -81,7 +81,7 @@ def create_app(
         listeners=Listeners(metrics),
         long_questions=CapacityLimiter(LONG_QUESTIONS),
     )
-    app.add_middleware(Compression)
+    app.add_middleware(AnswerCompression)
     app.add_middleware(Privacy)
     app.add_middleware(RequestMetrics, registry=metrics)
     if ctx.settings.cors_origins:

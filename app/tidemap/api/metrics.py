@@ -20,7 +20,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from tidemap.api.addresses import BASE
 from tidemap.api.collectors import ContextCollector
 from tidemap.events.messages import EventMessage
-from tidemap.events.subscription import KINDS, EventFilter, listen
+from tidemap.events.subscription import KINDS
 from tidemap.media_types import EVENT_STREAM
 from tidemap.services.context import Context
 from tidemap.version import __version__
@@ -69,7 +69,8 @@ def _count_messages(ctx: Context, registry: CollectorRegistry) -> None:
         elif message.kind == "job" and message.data.get("state") in ENDED:
             jobs.labels(message.data["state"]).inc()
 
-    listen(ctx.bus, EventFilter(), count)
+    # Of this process alone, so that those of several can be added up.
+    ctx.bus.subscribe_own(count)
 
 
 def count_refused(registry: CollectorRegistry) -> Counter:

@@ -13,13 +13,22 @@ from fastapi.responses import JSONResponse
 from tidemap.api.addresses import BASE
 from tidemap.api.problem_examples import codes_of, responses_of
 from tidemap.schemas.common import Problem
-from tidemap.schemas.events import Message
+from tidemap.schemas.events import WireMessage
 from tidemap.schemas.maps import EvaluateForm, PredictForm
 from tidemap.schemas.observations import GridObservations, StateObservations
 from tidemap.schemas.scans import RangesScan, ScanHeader
 
 Document = dict[str, Any]
-_OWN_FORMS = (StateObservations, GridObservations, ScanHeader, RangesScan, PredictForm, EvaluateForm, Problem, Message)
+_OWN_FORMS = (
+    StateObservations,
+    GridObservations,
+    ScanHeader,
+    RangesScan,
+    PredictForm,
+    EvaluateForm,
+    Problem,
+    WireMessage,
+)
 """Forms that routes read and write by themselves."""
 _HERE = "/locations/{name}"
 OPERATION_IDS = {
@@ -86,7 +95,7 @@ _IF_NONE_MATCH = {
 }
 SOCKET = (
     "The same address as a WebSocket (`ws://…/api/v1/events?location=&kind=&after=`, the key in the header of the "
-    "upgrade): a message of JSON text each, as in `Message`; what a reader says is not listened to. The header "
+    "upgrade): a message of JSON text each, as in `WireMessage`; what a reader says is not listened to. The header "
     "Last-Event-ID of the upgrade's answer names the last anomaly before. Closed with 1013 where the reader does not "
     "keep up (resume with `after`), with 4401 where the key or session has ended, with 1012 where the server stops; "
     "refused with a problem document as every request."
@@ -163,7 +172,7 @@ def answer_examples() -> Document:
 
 def _describe_socket(document: Document) -> None:
     answers = document["paths"][f"{BASE}/events"]["get"]["responses"]
-    message = {"schema": {"$ref": "#/components/schemas/Message"}}
+    message = {"schema": {"$ref": "#/components/schemas/WireMessage"}}
     answers["101"] = {"description": SOCKET, "content": {"application/json": message}}
 
 

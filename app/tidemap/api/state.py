@@ -16,14 +16,14 @@ from tidemap.api.metrics import Listeners
 from tidemap.services.context import Context
 from tidemap.services.keys import Principal
 
-LookUps = dict[tuple[str | None, str | None], Task[Principal]]
+KeyChecks = dict[tuple[str | None, str | None], Task[Principal]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AppState:
     """`alive` says what runs in the background and whether it is at work; `refused` counts refusals by their code.
 
-    `long_questions` are answered a few at a time. `stopping` is set when the server begins to stop. `look_ups` are
+    `long_questions` are answered a few at a time. `stopping` is set when the server begins to stop. `key_checks` are
     those of keys and sessions that sockets share, by what was sent.
     """
 
@@ -37,7 +37,7 @@ class AppState:
     listeners: Listeners
     long_questions: CapacityLimiter
     stopping: Event = field(default_factory=Event)
-    look_ups: LookUps = field(default_factory=dict)
+    key_checks: KeyChecks = field(default_factory=dict)
 
 
 def state_of(connection: HTTPConnection) -> AppState:

@@ -11,26 +11,63 @@ Listener = Callable[[EventMessage], object]
 
 
 class Bus:
-    """Listeners are called in the publisher's thread, so they only take note and return."""
+    """Listeners are called in the thread that delivers, so they only take note and return.
+
+    What this process publishes is delivered at once, unless it is redirected: several processes on one database
+    deliver what any of them published.
+    """
 
     def __init__(self) -> None:
-        self._lock = Lock()
-        self._listeners: tuple[Listener, ...] = ()
+        self._everyones = _Listeners()
+        self._own = _Listeners()
+        self._outlet: Listener = self.deliver
 
     def subscribe(self, listener: Listener) -> Callable[[], None]:
         """Call `listener` with every message from now on; returns what ends that."""
-        with self._lock:
-            self._listeners = (*self._listeners, listener)
+        return self._everyones.add(listener)
 
-        def unsubscribe() -> None:
-            with self._lock:
-                self._listeners = tuple(each for each in self._listeners if each is not listener)
-
-        return unsubscribe
+    def subscribe_own(self, listener: Listener) -> Callable[[], None]:
+        """Call `listener` with every message of this process alone, as it is published; returns what ends that."""
+        return self._own.add(listener)
 
     def publish(self, message: EventMessage) -> None:
-        """Publish to every listener; one that fails does not keep it from the others."""
-        for listener in self._listeners:
+        """Something has happened in this process."""
+        self._own.call(message)
+        self._outlet(message)
+
+    def deliver(self, message: EventMessage) -> None:
+        """Hand a message to every listener; one that fails does not keep it from the others."""
+        self._everyones.call(message)
+
+    def redirect(self, outlet: Listener) -> Callable[[], None]:
+        """Hand what is published to `outlet`, which has it delivered; returns what ends that."""
+        self._outlet = outlet
+
+        def restore() -> None:
+            self._outlet = self.deliver
+
+        return restore
+
+
+class _Listeners:
+    """Those of one kind. May be shared by threads."""
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._all: tuple[Listener, ...] = ()
+
+    def add(self, listener: Listener) -> Callable[[], None]:
+        with self._lock:
+            self._all = (*self._all, listener)
+
+        def remove() -> None:
+            with self._lock:
+                self._all = tuple(each for each in self._all if each is not listener)
+
+        return remove
+
+    def call(self, message: EventMessage) -> None:
+        for listener in self._all:
             try:
                 listener(message)
             except Exception:

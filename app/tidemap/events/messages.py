@@ -32,6 +32,11 @@ class EventMessage:
         """As JSON; encoded once, however many readers there are."""
         return orjson.dumps(self.wire())
 
+    @property
+    def is_new_anomaly(self) -> bool:
+        """Whether it is the first one of an event."""
+        return self.kind == "anomaly" and not self.data.get("update")
+
     def wire(self) -> dict[str, Any]:
         """As it goes over the WebSocket."""
         times = {name: self.data[name] for name in TIMES if self.data.get(name) is not None}

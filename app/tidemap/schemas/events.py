@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from tidemap.schemas.common import TimeOut
 
 
-class Message(BaseModel):
+class WireMessage(BaseModel):
     """Something happened at a location. Further fields are those of the kind: of an anomaly, those of an `Event`."""
 
     model_config = ConfigDict(

@@ -13,6 +13,7 @@ from tidemap.server.warming import warm_up
 from tidemap.services.context import Context
 from tidemap.workers.compactor import Compactor
 from tidemap.workers.election import LeaderElection
+from tidemap.workers.relay import relayed
 from tidemap.workers.updater import Updater
 from tidemap.workers.watcher import Watcher
 from tidemap.workers.webhooks import WebhookSender
@@ -56,7 +57,7 @@ def background(ctx: Context) -> Iterator[Background]:
 @contextmanager
 def all_in_one(ctx: Context, *extensions: Extension) -> Iterator[FastAPI]:
     """API and extensions with the workers beside them."""
-    with background(ctx) as beside:
+    with relayed(ctx), background(ctx) as beside:
         app = create_app(ctx, beside.alive, beside.is_leader)
         with _extended(ctx, app, extensions):
             yield app
@@ -66,14 +67,14 @@ def all_in_one(ctx: Context, *extensions: Extension) -> Iterator[FastAPI]:
 def api_replica(ctx: Context, *extensions: Extension) -> Iterator[FastAPI]:
     """API and extensions alone; another process on the same database does the background work."""
     app = create_app(ctx)
-    with _extended(ctx, app, extensions):
+    with relayed(ctx), _extended(ctx, app, extensions):
         yield app
 
 
 def work(ctx: Context, stop: Event) -> None:
     """Background work alone, until `stop` is set: a candidate for leadership that serves nothing."""
     warm_up()
-    with background(ctx):
+    with relayed(ctx), background(ctx):
         stop.wait()
 
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 from tidemap.errors import ShuttingDownError
 from tidemap.services.context import Context
@@ -29,6 +29,28 @@ class Limited:
         """Raises what either of the two raises."""
         self.executor.check()
         self.limit()
+
+
+class Pool(Executor, Protocol):
+    """An executor of this process's own, which ends it."""
+
+    def request_stop(self) -> None:
+        """Let running tasks end and start no more."""
+        ...
+
+    def close(self) -> None:
+        """The same, and wait until they have ended."""
+        ...
+
+
+def open_executor(ctx: Context) -> Pool:
+    """Where the settings have updates run: on threads of this process, or on a Dask cluster."""
+    address = ctx.settings.dask_scheduler
+    if address is None:
+        return LocalExecutor(ctx, ctx.settings.update_threads)
+    from tidemap.workers.dask_executor import DaskExecutor
+
+    return DaskExecutor(address)
 
 
 class LocalExecutor:

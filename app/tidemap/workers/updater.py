@@ -12,7 +12,7 @@ from tidemap.services.update import UpdateRequest
 from tidemap.services.update_task import Executor
 from tidemap.storage.records import LocationRecord, RevisionRecord
 from tidemap.workers.election import LeaderElection, LeaderTerm
-from tidemap.workers.executors import Limited, LocalExecutor
+from tidemap.workers.executors import Limited, open_executor
 from tidemap.workers.retries import Retries
 from tidemap.workers.worker import Worker
 
@@ -22,12 +22,12 @@ POLL_S = 1.0
 
 
 class Updater:
-    """One thread that takes job after job while this process leads; chunks run on the executor's threads."""
+    """One thread that takes job after job while this process leads; chunks run where the executor has them run."""
 
     def __init__(self, ctx: Context, election: LeaderElection) -> None:
         self._ctx = ctx
         self._election = election
-        self._executor = LocalExecutor(ctx, ctx.settings.update_threads)
+        self._executor = open_executor(ctx)
         self._worker = Worker("updater", min(POLL_S, ctx.settings.updater_interval_s), self._round)
         self._settled: LeaderTerm | None = None
         self._looked = -math.inf
@@ -88,8 +88,10 @@ class Updater:
         self._looked = time.monotonic()
         with ctx.store.read() as work:
             locations, revisions = work.locations.list(), work.spectra.current()
+        now = ctx.clock()
+        urgent_first = sorted(locations, key=lambda each: urgency(each, revisions.get(each.id), now), reverse=True)
         self._worker.for_each(
-            locations, lambda location: self._ask_for_update(ctx, location, revisions.get(location.id))
+            urgent_first, lambda location: self._ask_for_update(ctx, location, revisions.get(location.id))
         )
 
     def _ask_for_update(self, ctx: Context, location: LocationRecord, revision: RevisionRecord | None) -> None:
@@ -109,3 +111,11 @@ def is_due(ctx: Context, location: LocationRecord, revision: RevisionRecord | No
     age_s = ctx.clock() - revision.updated_at
     enough = grown >= settings.update_growth * revision.measurements or (grown and age_s >= settings.update_latest_s)
     return bool(enough) and age_s >= settings.update_rest_s
+
+
+def urgency(location: LocationRecord, revision: RevisionRecord | None, now: float) -> float:
+    """How early a location is to be updated where several are due: the stale first, and the small before the large.
+
+    Seconds since its last update a chunk; infinite where it has none yet.
+    """
+    return math.inf if revision is None else (now - revision.updated_at) / location.n_chunks

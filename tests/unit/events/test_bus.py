@@ -82,7 +82,21 @@ def test_listeners_come_and_go_from_many_threads() -> None:
     for thread in threads:
         thread.join()
     assert len(heard) == 800
-    assert len(bus._listeners) == 1
+    assert len(bus._everyones._all) == 1
+
+
+def test_what_is_redirected_is_delivered_by_the_outlet_and_counted_as_own_at_once() -> None:
+    bus, delivered, own, through = Bus(), list[int](), list[int](), list[EventMessage]()
+    bus.subscribe(lambda each: delivered.append(each.id))
+    bus.subscribe_own(lambda each: own.append(each.id))
+    restore = bus.redirect(through.append)
+    bus.publish(message(1))
+    bus.deliver(message(2))
+    assert (delivered, own) == ([2], [1])
+    bus.deliver(through[0])
+    restore()
+    bus.publish(message(3))
+    assert (delivered, own) == ([2, 1, 3], [1, 3])
 
 
 def test_on_the_wire_what_a_message_adds_never_hides_what_it_is() -> None:

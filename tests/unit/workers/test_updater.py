@@ -44,7 +44,8 @@ from tidemap.storage.repositories.jobs import JobRepository
 from tidemap.storage.tables import history
 from tidemap.workers import updater as updater_module
 from tidemap.workers.election import LeaderElection
-from tidemap.workers.updater import Updater, is_due
+from tidemap.workers.executors import LocalExecutor
+from tidemap.workers.updater import Updater, is_due, urgency
 
 STATIC = UpdateRequest(estimator="static")
 
@@ -113,6 +114,21 @@ def test_another_is_due_when_measurements_were_deleted(
     location = location_of(ctx, first_time=0.0, last_time=1e6, measurements=1000, deleted=deleted)
     clock.now += later_s
     assert is_due(ctx, location, revision_of(location)) is due
+
+
+def test_the_stale_and_the_small_are_updated_first(ctx: Context) -> None:
+    make_location(ctx, "lab", (100, 100))
+    small, large = location_of(ctx), find_location(ctx, "lab")
+    lately, long_ago = NOW - 60.0, NOW - 5 * 60.0
+    order = [
+        urgency(large, None, NOW),
+        urgency(small, revision_of(small, updated_at=long_ago), NOW),
+        urgency(small, revision_of(small, updated_at=lately), NOW),
+        urgency(large, revision_of(large, updated_at=long_ago), NOW),
+        urgency(large, revision_of(large, updated_at=lately), NOW),
+    ]
+    assert order == sorted(order, reverse=True)
+    assert len(set(order)) == len(order)
 
 
 def test_posts_become_a_model_without_anybody_asking(lively: Context, clock: Clock) -> None:
@@ -252,6 +268,7 @@ def test_a_job_that_the_end_interrupts_runs_again_at_the_next_start(
         with working(ctx) as updater:
             job = request_update(ctx, "lab", STATIC)
             assert begun.wait(WAIT_S)
+            assert isinstance(updater._executor, LocalExecutor)
             updater._executor._closed = True
             updater._executor._pool.shutdown(wait=False, cancel_futures=True)
             go_on.set()

@@ -1,0 +1,151 @@
+"""The relay: each process on a PostgreSQL database hears what any of them has done."""
+
+import logging
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from time import monotonic
+from uuid import uuid4
+
+from sqlalchemy import make_url
+
+from tidemap.errors import AnomalyNotFoundError, BusyError
+from tidemap.events.messages import EventMessage
+from tidemap.events.subscription import EventFilter
+from tidemap.services.anomalies import get_event
+from tidemap.services.context import Context
+from tidemap.services.messages import anomaly_message, latest_anomaly, missed_anomalies
+from tidemap.storage.channel import Channel
+from tidemap.workers.hints import Hint
+from tidemap.workers.worker import Worker
+
+log = logging.getLogger(__name__)
+CATCH_UP_S = 2.0
+"""How often to look for new events that came without a hint: their process may have died before it could."""
+LISTEN_S = 0.5
+PAGE = 500
+
+
+class Relay:
+    """One thread delivers what this process published and what others say they did; another one listens to them.
+
+    The rows are the truth: new events are read in the order of their ids, which is that of the commits, so every
+    process delivers each of them once and in that order, whatever becomes of its connections. All else are hints.
+    """
+
+    def __init__(self, ctx: Context) -> None:
+        self._ctx = ctx
+        self._origin = uuid4().hex
+        self._waiting: deque[EventMessage | Hint] = deque()
+        self._incoming, self._outgoing = Channel(ctx.settings.url), Channel(ctx.settings.url)
+        self._delivery = Worker("relay", CATCH_UP_S, self._deliver_waiting)
+        self._listener = Worker("relay-listener", LISTEN_S, self._listen)
+        self._cursor = 0
+        self._looked = monotonic()
+        self._restore: Callable[[], None] = lambda: None
+
+    def start(self) -> None:
+        """Begin: what the bus is given from now on goes through here."""
+        self._cursor = latest_anomaly(self._ctx)
+        self._restore = self._ctx.bus.redirect(self._put)
+        self._delivery.start()
+        self._listener.start()
+
+    def stop(self) -> None:
+        """End. What the bus is given later is delivered here alone."""
+        self._restore()
+        for worker in (self._listener, self._delivery):
+            worker.request_stop()
+            worker.join()
+        self._incoming.close()
+        self._outgoing.close()
+
+    def alive(self) -> bool:
+        """Whether it is at work."""
+        return self._delivery.alive() and self._listener.alive()
+
+    def _put(self, item: EventMessage | Hint) -> None:
+        self._waiting.append(item)
+        self._delivery.wake()
+
+    def _listen(self) -> None:
+        before = self._incoming.listens
+        heard = [Hint.read(text) for text in self._incoming.listen(LISTEN_S)]
+        if not before:
+            # What was sent before it listened is lost; the rows are not.
+            self._looked = 0.0
+            self._delivery.wake()
+        for hint in heard:
+            if hint.origin != self._origin:
+                self._put(hint)
+        self._listener.wake()
+
+    def _deliver_waiting(self) -> None:
+        if monotonic() - self._looked >= CATCH_UP_S:
+            self._catch_up()
+        hints: list[str] = []
+        while self._waiting:
+            item = self._waiting[0]
+            if isinstance(item, EventMessage):
+                hints.append(Hint.of(self._origin, item).text())
+            self._try(item)
+            # Only now: where the database is away, it is delivered later.
+            self._waiting.popleft()
+        if hints:
+            with suppress(BusyError):
+                self._outgoing.send(hints)
+
+    def _try(self, item: EventMessage | Hint) -> None:
+        """Deliver it here. Raises BusyError where the database is away."""
+        try:
+            if isinstance(item, Hint):
+                self._deliver_hint(item)
+            elif item.is_new_anomaly:
+                self._catch_up()
+            else:
+                self._ctx.bus.deliver(item)
+        except BusyError:
+            raise
+        except Exception:
+            log.exception("a message was not delivered: %s", item)
+
+    def _deliver_hint(self, hint: Hint) -> None:
+        if hint.kind == "anomaly":
+            self._catch_up()
+            if hint.data.get("update"):
+                with suppress(AnomalyNotFoundError):
+                    self._ctx.bus.deliver(self._updated(hint))
+            return
+        self._ctx.caches.locations.forget()
+        self._ctx.bus.deliver(hint.message())
+
+    def _updated(self, hint: Hint) -> EventMessage:
+        """The message of an event that another process changed, as the event is now."""
+        message = anomaly_message(get_event(self._ctx, hint.id), hint.time)
+        message.data.update(update=True, joined=hint.data.get("joined") or [])
+        return message
+
+    def _catch_up(self) -> None:
+        """Deliver the new events that are stored and were not delivered yet."""
+        page = PAGE
+        while page == PAGE:
+            missed = missed_anomalies(self._ctx, EventFilter(), self._cursor, PAGE)
+            for message in missed:
+                self._ctx.bus.deliver(message)
+                self._cursor = message.id
+            page = len(missed)
+        self._looked = monotonic()
+
+
+@contextmanager
+def relayed(ctx: Context) -> Iterator[None]:
+    """A relay where other processes may work on the same database."""
+    if make_url(ctx.settings.url).get_backend_name() != "postgresql":
+        yield
+        return
+    relay = Relay(ctx)
+    relay.start()
+    try:
+        yield
+    finally:
+        relay.stop()

@@ -1,0 +1,166 @@
+"""Updates on a Dask cluster of real processes, and what becomes of them when one of those dies."""
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from threading import Thread
+
+import pytest
+from sqlalchemy import create_engine, select
+
+from tests.e2e.test_replicas import QUIET, check_published, job, update_begun, wait_for_election
+from tests.support.cluster import Cluster, running_cluster
+from tests.support.contexts import Clock, make_location, opened, post_rows
+from tests.support.databases import SqliteDatabases
+from tests.support.server import StartServer
+from tests.support.site import Site
+from tests.support.tasks import Held, hold, negate, refuse
+from tests.support.waiting import until
+from tidemap.errors import ClusterUnavailableError, NotLeaderError, ShuttingDownError
+from tidemap.services.locations import find_location
+from tidemap.services.update import UpdateRequest, run_update
+from tidemap.storage.tables import spectrum
+from tidemap.workers.dask_executor import DaskExecutor
+from tidemap.workers.executors import LocalExecutor
+
+
+@pytest.fixture(scope="module")
+def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """A database for tasks that need none."""
+    with SqliteDatabases(tmp_path_factory.mktemp("tasks")).migrated() as url:
+        yield url
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    """A scheduler."""
+    with running_cluster(tmp_path_factory.mktemp("cluster")) as cluster:
+        yield cluster
+
+
+@contextmanager
+def executing(cluster: Cluster) -> Iterator[DaskExecutor]:
+    executor = DaskExecutor(cluster.address)
+    try:
+        yield executor
+    finally:
+        executor.close()
+
+
+def begun(folder: Path) -> list[tuple[int, int]]:
+    """Number and process of every task that has begun in a folder."""
+    names = (path.name.split("-") for path in folder.glob("begun-*"))
+    return sorted((int(number), int(process)) for _, number, process in names)
+
+
+def once_begun(folder: Path, act: Callable[[], None]) -> Thread:
+    """A thread that acts as soon as a task has begun in a folder."""
+
+    def run() -> None:
+        until(lambda: begun(folder))
+        act()
+
+    thread = Thread(target=run)
+    thread.start()
+    return thread
+
+
+def spectra(url: str, revision: int) -> list[tuple[object, ...]]:
+    """The rows of a revision but for its number."""
+    engine = create_engine(url)
+    columns = [column for column in spectrum.c if column.name != "revision"]
+    with engine.connect() as connection:
+        found = connection.execute(select(*columns).where(spectrum.c.revision == revision).order_by(spectrum.c.chunk))
+        rows = [tuple(row) for row in found]
+    engine.dispose()
+    return rows
+
+
+def test_the_cluster_stores_the_bytes_that_threads_store(cluster: Cluster, database_url: str, clock: Clock) -> None:
+    with opened(database_url, clock) as ctx, ExitStack() as stack:
+        make_location(ctx, "lab", (80, 40))
+        post_rows(ctx, "lab", [(60.0 * n, cell, n % 3 == 0) for n in range(200) for cell in (7, 1500, 3000)])
+        local = LocalExecutor(ctx, 2)
+        stack.callback(local.close)
+        stack.callback(cluster.worker(database_url).terminate)
+        rows = []
+        for executor in (local, stack.enter_context(executing(cluster))):
+            request = UpdateRequest(estimator="fft", order=2)
+            revision = run_update(ctx, find_location(ctx, "lab").id, request, executor, lambda _: None)
+            rows.append(spectra(database_url, revision.revision))
+    by_threads, by_cluster = rows
+    assert len(by_threads) == 4
+    assert by_cluster == by_threads
+
+
+def test_tasks_of_a_killed_worker_run_on_another_one(cluster: Cluster, url: str, tmp_path: Path) -> None:
+    first, second = cluster.worker(url), cluster.worker(url)
+    with executing(cluster) as executor:
+        results = executor.map(hold, [Held(tmp_path, number) for number in range(4)])
+        done: list[int] = []
+        running = Thread(target=lambda: done.extend(results))
+        running.start()
+        until(lambda: len(begun(tmp_path)) == 4)
+        lost = [number for number, process in begun(tmp_path) if process == first.pid]
+        assert len(lost) == 2
+        first.kill()
+        (tmp_path / "go").touch()
+        running.join()
+    assert done == list(range(4))
+    assert {(number, second.pid) for number in lost} <= set(begun(tmp_path))
+    second.terminate()
+    second.wait()
+
+
+def test_results_in_order_errors_to_the_caller_and_an_end(cluster: Cluster, url: str, tmp_path: Path) -> None:
+    worker = cluster.worker(url)
+    with executing(cluster) as executor:
+        assert list(executor.map(negate, range(200))) == [-number for number in range(200)]
+        for error in (NotLeaderError(), OSError("bad"), ValueError("bad")):
+            with pytest.raises(type(error), match=f"^{error}$"):
+                list(executor.map(refuse, [error]))
+        results = iter(executor.map(hold, [Held(tmp_path, number) for number in range(10)]))
+        stopping = once_begun(tmp_path, executor.request_stop)
+        with pytest.raises(ShuttingDownError):
+            next(results)
+        stopping.join()
+        with pytest.raises(ShuttingDownError):
+            list(executor.map(negate, [1]))
+    (tmp_path / "go").touch()
+    worker.terminate()
+    assert worker.wait() == 0
+    assert len(begun(tmp_path)) < 10
+
+
+def test_a_lost_scheduler_is_found_again(url: str, tmp_path: Path) -> None:
+    with running_cluster(tmp_path) as cluster, executing(cluster) as executor:
+        cluster.worker(url)
+        assert list(executor.map(negate, [1])) == [-1]
+        results = iter(executor.map(hold, [Held(tmp_path, 0)]))
+        stopping = once_begun(tmp_path, cluster.stop_scheduler)
+        with pytest.raises(ClusterUnavailableError, match="does not answer"):
+            next(results)
+        stopping.join()
+        with pytest.raises(ClusterUnavailableError):
+            list(executor.map(negate, [1]))
+        (tmp_path / "go").touch()
+        cluster.start_scheduler()
+        assert list(executor.map(negate, [2])) == [-2]
+
+
+def test_an_update_outlives_a_worker_and_a_leader(cluster: Cluster, server: StartServer, database_url: str) -> None:
+    env = QUIET | cluster.env
+    with Site(server(database_url=database_url, env=env)) as first:
+        wait_for_election(first.server)
+        workers = [cluster.worker(database_url), cluster.worker(database_url)]
+        with Site(server(database_url=database_url, env=env)) as second:
+            number = update_begun(second)
+            workers[0].kill()
+            until_progress = job(second, number)["progress"] + 0.1
+            until(lambda: job(second, number)["progress"] >= until_progress or job(second, number)["state"] == "done")
+            first.server.kill()
+            wait_for_election(second.server)
+            until(lambda: job(second, number)["finished_at"] is not None)
+            check_published(second, number, database_url)
+        workers[1].terminate()
+        workers[1].wait()
