@@ -66,8 +66,8 @@ class CompressingSender:
         """Choose, and say so in the head."""
         headers = MutableHeaders(raw=list(start["headers"]))
         headers.add_vary_header("Accept-Encoding")
-        is_short = not first.get("more_body", False) and len(first.get("body", b"")) < MIN_BYTES
-        if self._encoding is not None and not is_short:
+        known = len(first.get("body", b"")) if not first.get("more_body", False) else MIN_BYTES
+        if self._encoding is not None and int(headers.get("content-length", known)) >= MIN_BYTES:
             self._packer = ENCODINGS[self._encoding]()
             headers["Content-Encoding"] = self._encoding
             del headers["Content-Length"]

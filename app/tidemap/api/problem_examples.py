@@ -46,13 +46,19 @@ _SAMPLES: tuple[errors.DomainError, ...] = (
     errors.StorageUnavailableError(),
 )
 SAMPLES: Mapping[str, errors.DomainError] = {each.code: each for each in _SAMPLES}
-ALWAYS = ("unauthorized", "forbidden", "invalid-input", "rate-limit", "shutting-down", "storage-unavailable")
+ALWAYS = (
+    "unauthorized",
+    "forbidden",
+    "other-site",
+    "invalid-input",
+    "rate-limit",
+    "shutting-down",
+    "storage-unavailable",
+)
 FILTERED = {("get", "/locations"), ("get", "/anomalies"), ("get", "/jobs")}
 """Routes that show what is in the scope of a key, and refuse none for its scope."""
 OWNED = {"anomaly_id", "job_id"}
 """What is not there for a key that may not see its location."""
-CHANGING = ("other-site", "queue-full")
-"""Of methods that change something, or that a page of another site may send."""
 WITH_BODY = ("unreadable-body", "body-stalled", "body-too-large", "unsupported-media-type", "too-many-bodies")
 BY_PARAMETER = {
     "name": "location-not-found",
@@ -98,7 +104,7 @@ def codes_of(method: str, path: str, operation: Mapping[str, Any]) -> list[str]:
     if (method, path) not in FILTERED and not parameters & OWNED:
         found.add("out-of-scope")
     if method != "get":
-        found |= set(CHANGING)
+        found.add("queue-full")
     if "requestBody" in operation:
         found |= set(WITH_BODY)
     return [code for code in SAMPLES if code in found]
