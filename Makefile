@@ -21,7 +21,7 @@ ifneq ($(shell .venv/bin/python -c '' 2>/dev/null && cat .venv/folder 2>/dev/nul
 .PHONY: $(READY)
 endif
 
-.PHONY: help setup run test check lint bench paper dist clean browser
+.PHONY: help setup run test check lint bench paper dist clean browser ros
 
 help: ## Show this list
 	@echo "Tidemap: every cell of the map remembers its rhythm."
@@ -48,7 +48,7 @@ $(READY): pyproject.toml constraints.txt
 run: setup ## Start the server with a live demo world; HOST=, PORT= and DATA= may be given
 	@exec .venv/bin/python -m tidemap.cli serve --host "$(HOST)" --port "$(PORT)" --data "$(DATA)" --demo
 
-test: lint browser ## Check, then run every test, with PostgreSQL and a real browser
+test: lint browser ros ## Check, then run every test, with PostgreSQL and a real browser
 	@.venv/bin/python -m pytest $(PYTEST)
 
 check: lint ## Check format, lint, types, layers and the examples in docstrings
@@ -80,6 +80,9 @@ dist: setup ## Build the wheel and the source distribution into dist/ and check 
 browser:
 	@sh tests/support/browser.sh
 	@sh tests/support/programs.sh
+
+ros: setup
+	@sh tests/support/ros2/environment.sh
 
 clean: ## Remove .venv and everything generated; the data stay
 	@rm -rf .venv dist build .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

@@ -20,6 +20,7 @@ export interface GridMessage {
   time_zone: string;
   interval_s: number;
   confidence: number;
+  first_update: number;
   shape: number[];
   frame: string;
   resolution_m: number;
@@ -32,7 +33,7 @@ export interface CellFacts {
   cell: number;
   index: number[];
   position_m: number[];
-  probability: number;
+  probability: number | null;
   observed: number | null;
   observed_time: number | null;
 }

@@ -4,8 +4,10 @@ import io
 import json
 from typing import Any
 
+import httpx
 import numpy as np
 import pytest
+import zstandard
 from numpy.lib import format as npformat
 
 from tests.api.house import ARROW, NPY, arrow, npy_file
@@ -152,6 +154,26 @@ def test_too_many_points_are_refused_before_they_are_looked_at(site: Untouched) 
     site.refuse(scan(None, "declares", points=head, status=400))
 
 
+@pytest.mark.parametrize(
+    ("content", "media_type"),
+    [
+        (PCD.replace(b"WIDTH 2", b"WIDTH 10000000"), "application/x-pcd"),
+        (PLY.replace(b"vertex 2", b"vertex 10000000"), "application/x-ply"),
+    ],
+)
+def test_ten_million_declared_points_are_refused(site: Untouched, content: bytes, media_type: str) -> None:
+    site.refuse(scan(None, "2000000", points=content, media_type=media_type, status=400))
+
+
+def test_ten_million_packed_points_are_refused(site: Untouched) -> None:
+    said = json.dumps({"time": T, "map_from_sensor": POSE}).encode()
+    sent = httpx.Request("POST", "http://x", files=files(said, np.zeros((10_000_000, 3), np.float32)))
+    packed = zstandard.compress(sent.read())
+    assert len(packed) < 100_000
+    headers = {"Content-Type": sent.headers["Content-Type"], "Content-Encoding": "zstd"}
+    site.refuse(Case("POST", SCANS, 413, None, "", {"content": packed, "headers": headers}))
+
+
 def test_any_bytes_are_refused_with_words(site: Untouched) -> None:
     chance = np.random.default_rng(1)
     for media_type, content in (("application/x-pcd", PCD), ("application/x-ply", PLY), (NPY, POINTS)):
@@ -163,3 +185,25 @@ def test_any_bytes_are_refused_with_words(site: Untouched) -> None:
             answer = site.api.request(case.method, case.path, **case.how)
             assert answer.status_code in (400, 422), answer.text
     site.check()
+
+
+def test_a_spoilt_scan_of_the_map_is_stored_whole_or_refused(site: Untouched) -> None:
+    """Its pose is right, so that what is still readable goes all the way."""
+    chance = np.random.default_rng(2)
+    cloud = arrow({axis: np.ones(5, np.float32) for axis in "xyz"})
+    forms = (("application/x-pcd", PCD), ("application/x-ply", PLY + b"4 5 6\n"), (NPY, POINTS), (ARROW, cloud))
+    stored = 0
+    for media_type, content in forms:
+        for _ in range(40):
+            broken = bytearray(content)
+            for at in chance.integers(0, len(broken), chance.integers(0, 3)):
+                broken[at] = chance.integers(0, 256)
+            case = scan(None, points=bytes(broken), media_type=media_type, max_range=2.0)
+            answer = site.api.request(case.method, case.path, **case.how)
+            assert answer.status_code in (201, 400, 422), answer.text
+            if answer.status_code == 201:
+                site.accept()
+                stored += 1
+            else:
+                site.check()
+    assert stored > 10

@@ -1,5 +1,7 @@
 """A sweep of a spinning lidar in a room, for the figures."""
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +16,7 @@ GRID = GridGeometry("map", (-10.0, -10.0, -3.0), 0.1, (200, 200, 60))
 MAX_RANGE_M = 10.0
 
 
+@cache
 def points() -> NDArray[np.float64]:
     """Ends (n, 3) in the grid's frame, column by column as they are measured."""
     azimuth = np.repeat(np.linspace(-np.pi, np.pi, TURNS, endpoint=False) + 1e-3, BEAMS)

@@ -175,8 +175,10 @@ def test_live_follows_new_observations_and_marks_what_is_abnormal(server: StartS
     expect(page.locator("#unexpected")).to_have_text(str(len(box)))
 
 
-def test_without_a_grid_it_says_what_to_do(server: StartServer, page: Page) -> None:
-    process = server()
+def test_without_a_grid_it_says_what_to_do_and_before_a_model_it_shows_what_was_seen(
+    server: StartServer, page: Page
+) -> None:
+    process = server(env={"TIDEMAP_UPDATER": "false"})
     page.goto(f"{process.url}/view/")
     expect(page.locator("#notice-title")).to_have_text("No grid yet")
     expect(page.locator("#notice-code")).to_contain_text(f"curl {process.url}/api/v1/locations")
@@ -193,6 +195,15 @@ def test_without_a_grid_it_says_what_to_do(server: StartServer, page: Page) -> N
     )
     page.goto(f"{process.url}/view/")
     expect(page.locator("#notice-title")).to_have_text("Nothing observed yet")
+
+    seen = {"time": START.isoformat(), "occupied": [[0, 1], [1, 1]], "free": [[0, 0]]}
+    post(process.url, "/locations/attic/observations", {"observations": [seen]})
+    viewer = Viewer.open(page, process.url, "attic")
+    viewer.until(lambda: viewer.shows(colors.OCCUPIED, "right") > 100)
+    assert viewer.shows(colors.OCCUPIED, "left") == 0
+    expect(page.locator("#model")).to_have_text("no model yet: first update at 2 measurements")
+    post(process.url, "/locations/attic/update?wait=60", {})
+    expect(page.locator("#model")).to_have_text("revision 1 (static)")
 
 
 def test_a_server_with_keys_shows_it_to_nobody_without(server: StartServer, page: Page) -> None:

@@ -10,11 +10,13 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from tidemap.client import arrow, ros
+from tidemap.client import arrow
+from tidemap.client.map_message import map_message, percent_of
 from tidemap.client.ros import OccupancyGrid
 from tidemap.media_types import ARROW
 from tidemap.schemas.common import parse_time
 from tidemap.schemas.locations import Grid
+from tidemap.schemas.maps import ExportMode
 
 UNNAMED = "map"
 """A file to which the server gives no name that can be one."""
@@ -86,25 +88,20 @@ class State:
     last_seen: NDArray[np.float64] | None = None
     grid: Grid | None = None
 
-    def to_occupancy_grid(self, z_min: float = -math.inf, z_max: float = math.inf) -> OccupancyGrid:
-        """The map as something shaped like nav_msgs/OccupancyGrid: the probability in percent, -1 where unknown.
+    def to_occupancy_grid(
+        self, z_min: float = -math.inf, z_max: float = math.inf, mode: ExportMode = "scale"
+    ) -> OccupancyGrid:
+        """The map as something shaped like nav_msgs/OccupancyGrid, -1 where nothing is known.
 
-        Of a location with layers each cell has the highest probability of those whose centres are from `z_min` to
-        `z_max` (metres). Raises ValueError for a location without a grid.
+        `mode` "scale" is the probability in percent; "trinary" is the verdict, 100 occupied, 0 free, -1 neither, as
+        planners want it: Nav2 takes all numbers below 100 for free. Of a location with layers each cell has the highest
+        value of those whose centres are from `z_min` to `z_max` (metres). Raises ValueError for a location without a
+        grid.
         """
         if self.grid is None:
             raise ValueError("a location of kind 'state' has no grid, so there is no map of it")
-        nx, ny, nz = (*self.grid.shape, 1)[:3]
-        layers = self.dense().reshape(nx, ny, nz)
-        if nz > 1:
-            height = self.grid.origin[2] + (np.arange(nz) + 0.5) * self.grid.resolution_m
-            layers = layers[:, :, (height >= z_min) & (height <= z_max)]
-        known = ~np.isnan(layers)
-        highest = np.max(layers, axis=2, where=known, initial=0.0)
-        percent = np.where(known.any(axis=2), np.rint(100 * highest), ros.UNKNOWN).astype(np.int8)
-        stamp, origin = ros.Stamp.of(self.time), ros.PoseMessage(ros.Point(*self.grid.origin))
-        info = ros.MapMetaData(stamp, self.grid.resolution_m, nx, ny, origin)
-        return OccupancyGrid(ros.Header(stamp, self.grid.frame), info, percent.T.ravel())
+        percent = self._dense(percent_of(self.probability, self.verdict, mode))
+        return map_message(percent, self.grid, self.time, mode, z_min, z_max)
 
     def dense(self, column: Column = "probability") -> NDArray[Any]:
         """A column as a grid of `shape`; NaN (integers: -1) where a cell was never observed.
@@ -114,6 +111,9 @@ class State:
         values = getattr(self, column)
         if values is None:
             raise ValueError(f"{column} was not asked for; call state(observed=True, last_seen=True)")
+        return self._dense(values)
+
+    def _dense(self, values: NDArray[Any]) -> NDArray[Any]:
         unknown = UNKNOWN if values.dtype.kind == "i" else np.nan
         grid = np.full(int(np.prod(self.shape)), unknown, values.dtype)
         grid[self.cell] = values

@@ -7,10 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-FLOATS = {7: "f4", 8: "f8"}
-"""Of sensor_msgs/PointField the types that coordinates have."""
-MAX_SINE = 1e-6
-"""How far the origin of a map may be rotated, the sine of half the angle: not at all, but for rounding."""
 UNKNOWN = -1
 """Of a cell in a map."""
 
@@ -100,38 +96,6 @@ def is_point_cloud(message: object) -> bool:
 def is_occupancy_grid(message: object) -> bool:
     """Whether something has the fields of nav_msgs/OccupancyGrid."""
     return hasattr(message, "info") and hasattr(message, "data")
-
-
-def points_of(message: Any) -> NDArray[np.float32]:
-    """Points (n, 3) of a sensor_msgs/PointCloud2. Raises ValueError where x, y and z are no floats in it."""
-    order = ">" if message.is_bigendian else "<"
-    fields = {each.name: each for each in message.fields}
-    if any(name not in fields or fields[name].datatype not in FLOATS for name in "xyz"):
-        raise ValueError(f"the cloud has the fields {list(fields)}; x, y and z must be there as float32 or float64")
-    layout = np.dtype(
-        {
-            "names": list("xyz"),
-            "formats": [order + FLOATS[fields[name].datatype] for name in "xyz"],
-            "offsets": [fields[name].offset for name in "xyz"],
-            "itemsize": message.point_step,
-        }
-    )
-    shape, strides = (message.height, message.width), (message.row_step, message.point_step)
-    content = np.frombuffer(bytes(message.data), np.uint8)
-    if message.height and len(content) < (message.height - 1) * message.row_step + message.width * message.point_step:
-        raise ValueError(f"the cloud declares {message.height} x {message.width} points, but its data is too short")
-    rows = np.ndarray(shape, layout, content, 0, strides)
-    return np.stack([rows[name].ravel().astype(np.float32) for name in "xyz"], axis=1)
-
-
-def states_of(message: Any) -> NDArray[np.int8]:
-    """Cells (height, width) of a nav_msgs/OccupancyGrid: percent, -1 unknown. Raises ValueError for a rotated one."""
-    rotation = message.info.origin.orientation
-    if max(abs(getattr(rotation, axis)) for axis in "xyz") > MAX_SINE:
-        raise ValueError(
-            "the origin of this map is rotated, and cells here are not: resample it, or make its frame the location's"
-        )
-    return np.asarray(message.data, np.int8).reshape(message.info.height, message.info.width)
 
 
 def pose_of(pose: Any) -> list[Any]:

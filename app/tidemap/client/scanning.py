@@ -16,6 +16,7 @@ from tidemap.client.posting import Batch
 from tidemap.client.requests import present
 from tidemap.client.times import TimeLike, unix
 from tidemap.media_types import JSON, MULTIPART, NPY
+from tidemap.schemas.ros import cloud_points
 from tidemap.schemas.scans import ScanAccepted
 
 
@@ -73,7 +74,7 @@ def _measured(scan: Any) -> tuple[str, NDArray[np.float32], dict[str, float]]:
         if said["range_max"] == np.inf:
             del said["range_max"]
         return "ranges", np.asarray(scan.ranges, np.float32), said
-    points = ros.points_of(scan) if ros.is_point_cloud(scan) else np.asarray(scan)
+    points = cloud_points(scan) if ros.is_point_cloud(scan) else np.asarray(scan)
     if points.ndim != 2 or points.shape[1] not in (2, 3) or points.dtype.kind not in "fiu":
         raise ValueError(
             f"points are an array (n, 3), or (n, 2) of a planar sensor; this has the shape {points.shape} "

@@ -11,12 +11,11 @@ from tidemap.errors import InvalidInputError
 from tidemap.schemas.scans import ScanHeader
 from tidemap.space.grid import GridGeometry
 from tidemap.space.pose import Array, Pose
+from tidemap.space.ranges import RangeLimits, points_of_ranges
 from tidemap.space.scan import Scan
 
 MAX_ASYMMETRY = 1e-6
 """How much an entry of a covariance may differ from its mirror image, relative to the largest."""
-BEYOND = 2.0
-"""At so many times the range up to which it clears is the point of a ray that met nothing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,9 +89,8 @@ def _covariance(values: Any) -> Array:
 
 
 def _max_range(header: ScanHeader) -> float:
-    """Up to where rays clear: as it was said, or as far as the laser measures."""
-    said = header.max_range if header.max_range is not None else header.range_max
-    return inf if said is None else said
+    """Up to where rays clear: as it was said, and no further than the laser measures."""
+    return min(inf if each is None else each for each in (header.max_range, header.range_max))
 
 
 def _points(sent: SentScan) -> tuple[NDArray[np.float32], bool]:
@@ -103,9 +101,11 @@ def _points(sent: SentScan) -> tuple[NDArray[np.float32], bool]:
         points[:, : found.shape[1]] = found
     points = points[np.isfinite(points).all(axis=1)]
     if not len(points):
-        field = "points" if sent.ranges is None else "ranges"
-        raise InvalidInputError.at(field, "there is none in it but NaN or infinity; leave such scans out")
-    return points, found.shape[1] == 2
+        if sent.ranges is None:
+            raise InvalidInputError.at("points", "there is none in it but NaN or infinity; leave such scans out")
+        says = "none of them was measured: they are NaN, 0, or outside of range_min and range_max; leave such scans out"
+        raise InvalidInputError.at("ranges", says)
+    return points, sent.ranges is not None or found.shape[1] == 2
 
 
 def _measured(sent: SentScan) -> NDArray[np.floating]:
@@ -125,17 +125,13 @@ def _refuse_angles(header: ScanHeader) -> None:
 
 
 def _of_ranges(ranges: NDArray[np.floating], header: ScanHeader) -> NDArray[np.float64]:
-    """Points (n, 2) of ranges (REP 117): NaN where none was measured, beyond the range that clears for infinity."""
-    angles, distance = _angles(len(ranges), header), ranges.astype(np.float64)
-    shortest, longest = header.range_min or 0.0, header.range_max or inf
-    with np.errstate(invalid="ignore"):
-        distance[(distance < shortest) | ((distance > longest) & (distance < inf))] = np.nan
-    clear = distance == inf
-    if clear.any():
-        if _max_range(header) == inf:
-            raise InvalidInputError.at("max_range", "ranges are infinite; send max_range, up to which their rays clear")
-        distance[clear] = BEYOND * _max_range(header)
-    return np.stack([distance * np.cos(angles), distance * np.sin(angles)], axis=1)
+    """Points (n, 3) of ranges."""
+    angles = _angles(len(ranges), header)
+    clear = _max_range(header)
+    if clear == inf and (ranges == inf).any():
+        raise InvalidInputError.at("max_range", "ranges are infinite; send max_range, up to which their rays clear")
+    limits = RangeLimits(header.range_min or 0.0, inf if header.range_max is None else header.range_max, clear)
+    return points_of_ranges(ranges.astype(np.float64), angles, limits)
 
 
 def _angles(n: int, header: ScanHeader) -> NDArray[np.float64]:

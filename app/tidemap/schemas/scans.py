@@ -38,7 +38,10 @@ class ScanHeader(Form):
     frame: Text | None = Field(None, max_length=128, description="The map's frame; if given, it is the grid's.")
     covariance: Many[Many[Number]] | None = Field(None, min_length=6, max_length=6, description=COVARIANCE)
     max_range: float | None = Field(
-        None, gt=0, le=1e6, description="Points further than this (m) clear the cells up to there and hit none."
+        None,
+        gt=0,
+        le=1e6,
+        description="Points further than this (m) clear the cells up to there and hit none; at most `range_max`.",
     )
     min_hits: int = Field(1, ge=1, le=100, description="Hits from which on a cell is occupied.")
     registration: RegistrationMode = Field(
@@ -50,7 +53,9 @@ class ScanHeader(Form):
         None, min_length=1, max_length=MAX_RAYS, description="Or the angle of each ray, rad, about the sensor's z."
     )
     range_min: float | None = Field(None, ge=0, le=1e6, description="Shorter ranges are left out.")
-    range_max: float | None = Field(None, gt=0, le=1e6, description="Longer ranges are left out, but for infinity.")
+    range_max: float | None = Field(
+        None, gt=0, le=1e6, description="Longer ranges are left out; infinity clears up to here."
+    )
 
 
 class RangesScan(ScanHeader):

@@ -1,27 +1,23 @@
 """Export: the map at a moment as a file, as predicted or as last observed."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tidemap.errors import InvalidInputError
 from tidemap.formats.map_files import FORMATS, MapContent, MapFormat
-from tidemap.history.chunks import CHUNK_CELLS
-from tidemap.history.history import OCCUPIED, UNOBSERVED
+from tidemap.history.history import OCCUPIED
 from tidemap.services.context import Context
 from tidemap.services.given import Given
 from tidemap.services.locations import find_location
-from tidemap.services.readings import last_seen
+from tidemap.services.observed_map import observed_map
 from tidemap.services.state import StateQuery, state_at
 from tidemap.space.map_cells import MapCells
 from tidemap.storage.records import LocationRecord
 
 Check = Callable[[], None]
-BLOCK = 16 * CHUNK_CELLS
-"""Cells whose history is read before the next look whether somebody still waits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,21 +98,9 @@ def _predicted(ctx: Context, location: LocationRecord, query: ExportQuery) -> _S
 
 def _observed(ctx: Context, location: LocationRecord, query: ExportQuery, check: Check) -> _Snapshot:
     """What was seen last of each cell at that time."""
-    state, damaged = np.full(location.n_cells, UNOBSERVED, np.uint8), list[int]()
-    for cells in _blocks(location.n_cells):
-        check()
-        seen = last_seen(ctx, location, int(location.base.sample(query.time)), cells)
-        state[cells] = seen.state
-        damaged += seen.damaged
-    cell = np.flatnonzero(state != UNOBSERVED)
-    probability = (state[cell] == OCCUPIED).astype(np.float32)
-    known = MapCells(location.cells, cell, probability, state[cell])
-    return _Snapshot(known, location.revision, location.cell_ranges(damaged))
-
-
-def _blocks(n_cells: int) -> Iterator[NDArray[np.int64]]:
-    for first in range(0, n_cells, BLOCK):
-        yield np.arange(first, min(first + BLOCK, n_cells))
+    seen = observed_map(ctx, location, query.time, check)
+    probability = (seen.state == OCCUPIED).astype(np.float32)
+    return _Snapshot(MapCells(location.cells, seen.cell, probability, seen.state), location.revision, seen.unavailable)
 
 
 def _cut(cells: MapCells, query: ExportQuery, chosen: MapFormat) -> MapCells:

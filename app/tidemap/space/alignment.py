@@ -15,8 +15,9 @@ from tidemap.space.pose import Array, Pose
 
 COARSE, FINE = 5.0, 2.5
 """How far apart, in lengths of a cell, a point and its surface may be: first, and then."""
-MAX_ITERATIONS = 20
-"""Of each of both: what has not converged by then is lost."""
+ROUNDS, ITERATIONS = 5, 4
+"""Of each of both: what has not converged by then is lost. small_gicp lets no other thread run meanwhile, 5 to 14
+ms an iteration; between rounds they do."""
 NEIGHBOURS = 20
 """Cells that the normal of a surface is estimated from."""
 MAX_POINTS, MAX_ROUGH_POINTS = 12_000, 3_000
@@ -88,15 +89,7 @@ class Surface:
         about = (stated.translation + shift[:3] - self._origin) * _used(self.flat)
         start = Pose.of_rotation_vector(shift[3:], about).matrix
         for distance in (COARSE, FINE):
-            result = small_gicp.align(
-                cloud,
-                source.cloud,
-                tree,
-                start,
-                registration_type="PLANE_ICP",
-                max_correspondence_distance=distance * self.spacing_m,
-                max_iterations=MAX_ITERATIONS,
-            )
+            result = _aligned(cloud, source.cloud, tree, start, distance * self.spacing_m)
             start = result.T_target_source
         rotation, translation = start[:3, :3], start[:3, 3] + self._origin
         if self.flat:
@@ -105,6 +98,30 @@ class Surface:
         inliers = int(result.num_inliers)
         weakest = _weakest(result.H, inliers, self.flat)
         return Alignment(pose, bool(result.converged), inliers // _layers(self.flat), weakest)
+
+
+def _aligned(
+    surface: small_gicp.PointCloud,
+    source: small_gicp.PointCloud,
+    tree: small_gicp.KdTree,
+    start: Array,
+    distance: float,
+) -> small_gicp.RegistrationResult:
+    """One alignment from a start (4, 4), with partners up to a distance in metres, in rounds until it comes to rest."""
+    for _ in range(ROUNDS):
+        result = small_gicp.align(
+            surface,
+            source,
+            tree,
+            start,
+            registration_type="PLANE_ICP",
+            max_correspondence_distance=distance,
+            max_iterations=ITERATIONS,
+        )
+        if result.converged:
+            break
+        start = result.T_target_source
+    return result
 
 
 def _used(flat: bool) -> Array:

@@ -1,20 +1,11 @@
 """Sweeps: the ends of a sensor's rays, and the pose that it had."""
 
 from dataclasses import dataclass
-from math import inf, isfinite
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from tidemap.space.pose import Pose
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RangeLimits:
-    """In metres: nearer ranges are noise, further ones hit nothing."""
-
-    low: float = 0.0
-    high: float = inf
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,17 +32,3 @@ class Sweep:
         return np.concatenate(
             [self.map_from_sensor.translation[np.newaxis], self.map_from_sensor.apply(self.points[hit])]
         )
-
-
-def points_of_ranges(ranges: ArrayLike, angle: NDArray[np.float64], limits: RangeLimits) -> NDArray[np.float64]:
-    """Points (m, 3) of ranges (n,) at angles (n,) in the plane of a laser, x forward and y left.
-
-    A range above the highest, infinity too, is a point twice as far away: its ray hits nothing. What is NaN, below the
-    lowest, or infinite where there is no highest, is left out.
-    """
-    found = np.asarray(ranges, np.float64)
-    if isfinite(limits.high):
-        found = np.where(found > limits.high, 2 * limits.high, found)
-    kept = np.isfinite(found) & (found >= limits.low) & (found > 0)
-    found, angle = found[kept], angle[kept]
-    return np.stack([found * np.cos(angle), found * np.sin(angle), np.zeros(len(found))], axis=1)

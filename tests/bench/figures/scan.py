@@ -59,14 +59,17 @@ def hall() -> Iterator[Context]:
         settings = Settings(data=Path(folder), updater=False)
         prepare_database(settings.url)
         with open_context(settings) as ctx:
-            new = NewLocation(
-                name=NAME, interval_s=INTERVAL_S, kind="grid3d", grid=sweep.GRID, estimator="static", min_cells=8
-            )
-            create_location(ctx, new)
-            for ago in range(1, 13):
-                post(ctx, body(ctx.clock() - INTERVAL_S * ago, np.zeros(3)))
-            run_update(ctx, find_location(ctx, NAME).id, UpdateRequest(), LocalExecutor(ctx, 1), lambda _: None)
+            prepare(ctx)
             yield ctx
+
+
+def prepare(ctx: Context) -> None:
+    """Make the location, post the sweep for an hour, and fit its model."""
+    new = NewLocation(name=NAME, interval_s=INTERVAL_S, kind="grid3d", grid=sweep.GRID, estimator="static", min_cells=8)
+    create_location(ctx, new)
+    for ago in range(1, 13):
+        post(ctx, body(ctx.clock() - INTERVAL_S * ago, np.zeros(3)))
+    run_update(ctx, find_location(ctx, NAME).id, UpdateRequest(), LocalExecutor(ctx, 1), lambda _: None)
 
 
 def measure() -> Figure:

@@ -59,10 +59,10 @@ def test_point_clouds_are_their_points(options: Any) -> None:
 def test_a_cloud_that_is_none_is_refused() -> None:
     cloud = point_cloud(POINTS)
     cloud.data = cloud.data[:-40]
-    with pytest.raises(ValueError, match="too short"):
+    with pytest.raises(ValueError, match="too few"):
         made(cloud)
     cloud.fields = cloud.fields[:3]
-    with pytest.raises(ValueError, match="x, y and z"):
+    with pytest.raises(ValueError, match="no field z of float32"):
         made(cloud)
 
 
@@ -142,20 +142,20 @@ def test_occupancy_grids_keep_their_layout() -> None:
 
 def state(grid: Grid, cell: Any, probability: Any) -> State:
     cells = np.asarray(cell, np.int64)
-    n = len(cells)
+    n, likely = len(cells), np.asarray(probability, np.float32)
     return State(
         time=12.5,
         as_of=12.5,
         given="model",
-        confidence=0.9,
+        confidence=0.65,
         estimator="static",
         order=0,
         revision=1,
         shape=tuple(grid.shape),
         cell=cells,
-        probability=np.asarray(probability, np.float32),
+        probability=likely,
         state=np.zeros(n, np.int8),
-        verdict=np.full(n, "free"),
+        verdict=np.select([likely > 0.65, likely < 0.35], ["occupied", "free"], "uncertain"),
         unavailable=np.zeros((0, 2), np.int64),
         grid=grid,
     )
@@ -179,6 +179,19 @@ def test_a_band_of_layers_is_as_occupied_as_its_most_occupied_cell() -> None:
     assert found.to_occupancy_grid(z_min=1.0).data.tolist() == [40, 70]
     assert found.to_occupancy_grid(z_min=1.0, z_max=2.0).data.tolist() == [20, -1]
     assert found.to_occupancy_grid(z_min=9.0).data.tolist() == [-1, -1]
+
+
+def test_a_band_of_layers_is_free_where_all_that_are_known_are() -> None:
+    grid = Grid(origin=(0.0, 0.0, 0.0), resolution_m=1.0, shape=[1, 3, 3])
+    found = state(grid, [0, 1, 2, 5], [0.9, 0.2, 0.4, 0.7])
+    assert found.to_occupancy_grid(mode="trinary").data.tolist() == [100, 100, -1]
+    assert found.to_occupancy_grid(z_min=1.0, mode="trinary").data.tolist() == [-1, 100, -1]
+    assert found.to_occupancy_grid(z_min=1.0, z_max=2.0, mode="trinary").data.tolist() == [0, -1, -1]
+    assert state(grid, [0, 2], [0.1, 0.2]).to_occupancy_grid(mode="trinary").data.tolist() == [0, -1, -1]
+
+
+def test_a_door_is_no_map() -> None:
+    found = state(Grid(resolution_m=1.0, shape=[1, 2]), [0], [0.9])
     with pytest.raises(ValueError, match="no grid"):
         State(**{name: getattr(found, name) for name in State.__slots__ if name != "grid"}).to_occupancy_grid()
 

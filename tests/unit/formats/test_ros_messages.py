@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tidemap.formats.ros_messages import cloud_points, laser_points, occupancy_states, stamp
+from tidemap.formats.ros_messages import finite_points, laser_points, occupancy_states, stamp
 
 
 def header(frame: str = "map") -> Any:
@@ -53,10 +53,12 @@ def test_a_stamp_is_exact_to_the_nanosecond_that_a_float_can_hold() -> None:
     assert stamp(header()) == 5.25
 
 
-def test_ranges_beyond_the_highest_are_twice_as_far() -> None:
-    found = laser_points(laser(ranges=[1.0, np.inf, 9.0, -np.inf, np.nan, 0.05, 0.0], angle_increment=0.0))
-    assert found.points.tolist() == [[1, 0, 0], [10, 0, 0], [10, 0, 0]]
+def test_infinity_is_twice_as_far_as_rays_clear_and_what_was_not_measured_is_left_out() -> None:
+    measured = laser(ranges=[1.0, np.inf, 9.0, -np.inf, np.nan, 0.05, 0.0, 4.0], angle_increment=0.0)
+    found = laser_points(measured)
+    assert found.points[:, 0].tolist() == [1, 10, 4]
     assert (found.max_range_m, found.flat) == (5.0, True)
+    assert laser_points(measured, 3.0).points[:, 0].tolist() == [1, 6, 4], "the last one clears up to 3 m"
     assert laser_points(laser(range_max=np.inf), 3.0).max_range_m == 3.0
     assert laser_points(laser(range_max=np.inf, ranges=[np.inf])).points.shape == (0, 3)
 
@@ -80,9 +82,9 @@ def test_a_wrong_laser_is_refused_in_words(changes: dict[str, float], words: str
 def test_clouds_of_any_order_size_and_padding(order: str, size: int) -> None:
     points = np.arange(18.0).reshape(2, 3, 3)
     points[1, 1, 2] = np.nan
-    found = cloud_points(cloud(points, order, size)).points
+    found = finite_points(cloud(points, order, size)).points
     assert found.tolist() == [*points[0].tolist(), points[1, 0].tolist(), points[1, 2].tolist()]
-    assert cloud_points(cloud(np.empty((1, 0, 3)))).points.shape == (0, 3)
+    assert finite_points(cloud(np.empty((1, 0, 3)))).points.shape == (0, 3)
 
 
 @pytest.mark.parametrize(
@@ -99,7 +101,7 @@ def test_clouds_of_any_order_size_and_padding(order: str, size: int) -> None:
 )
 def test_a_wrong_cloud_is_refused_in_words(changes: dict[str, Any], words: str) -> None:
     with pytest.raises(ValueError, match=words):
-        cloud_points(cloud(np.zeros((2, 3, 3)), **changes))
+        finite_points(cloud(np.zeros((2, 3, 3)), **changes))
 
 
 @settings(max_examples=60)

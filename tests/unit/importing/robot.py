@@ -50,7 +50,7 @@ def cloud(number: int) -> NDArray[np.float32]:
 def seen_by_laser(grid: GridGeometry, number: int, max_range_m: float = 10.0) -> SeenCells:
     """The cells of one scan, from the arrays alone."""
     values, angle = ranges(number).astype(np.float64), FIRST + STEP * np.arange(N)
-    kept = ~np.isnan(values) & (values >= np.float32(0.1))
+    kept = (values >= np.float32(0.1)) & ((values <= 10) | np.isposinf(values))
     values = np.minimum(values, 20.0)[kept]
     points = np.stack([values * np.cos(angle[kept]), values * np.sin(angle[kept]), 0 * values], axis=1)
     return _cast(grid, SCANS[number], points, max_range_m)

@@ -169,6 +169,33 @@ def test_a_missing_transform_is_a_problem_in_words(tmp_path: Path, kind: str) ->
     assert "--fixed-frame" in none.problems[0]
 
 
+@pytest.mark.parametrize(
+    ("move", "rotation", "words"),
+    [
+        ([np.nan, 0.0, 0.0], turned(0.0), "a transform of /tf is wrong: .*NaN"),
+        ([0.0, 0.0, 0.0], (0.0, 0.0, 0.0, 0.0), "a transform of /tf is wrong: .*no rotation"),
+        ([0.0, 0.0, 0.0], (0.0, 0.0, 0.0, 2.0), "a transform of /tf is wrong: .*norm 2"),
+    ],
+)
+def test_a_transform_that_is_none_is_refused_in_words(
+    tmp_path: Path, move: list[float], rotation: Any, words: str
+) -> None:
+    with bag(tmp_path, "mcap") as (path, writer):
+        writer.transform(START, "map", "sensor", np.array(move), rotation)
+        writer.laser(START, "sensor", ranges(0), FIRST, STEP)
+    with pytest.raises(UnusableFileError, match=words):
+        report(path, topics=(LASER,))
+
+
+def test_scans_of_mixed_frames_are_a_problem_in_words(tmp_path: Path) -> None:
+    with bag(tmp_path, "mcap") as (path, writer):
+        writer.transform(START, "map", "sensor", MOUNT, turned(MOUNT_YAW), "/tf_static")
+        for frame in ("sensor", "elsewhere"):
+            writer.laser(START, frame, ranges(0), FIRST, STEP)
+    (problem,) = report(path, topics=(LASER,)).problems
+    assert "1 of 2 cannot be used: no transform leads from the frame 'elsewhere' to 'map'" in problem
+
+
 def test_a_map_in_another_frame_or_turned_is_a_problem_in_words(tmp_path: Path) -> None:
     with bag(tmp_path, "db3") as (path, writer):
         writer.occupancy(START, "other", GRID_DATA, 0.25, np.zeros(3), turned(0.0))

@@ -5,12 +5,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+import small_gicp
 
 from tests.support.paths import ROOT
 from tests.support.rooms import CORRIDOR, LAB, VIEWS, Room, around, in_plane, level, off_by, sweep
 from tests.support.scans import covariance
 from tidemap.formats import ply
 from tidemap.ingest.registration import RegistrationOutcome, register
+from tidemap.space import alignment
 from tidemap.space.alignment import Surface
 from tidemap.space.centroids import surface_centroids
 from tidemap.space.grid import GridGeometry
@@ -104,6 +106,29 @@ def test_a_correction_that_the_covariance_does_not_allow_is_not_believed() -> No
     assert found.verdict != "accepted"
     assert "covariance" in found.reason
     assert register(Scan(scan.points, wrong, covariance(0.2, 2.0)), lab).verdict == "accepted"
+
+
+def test_an_alignment_in_rounds_comes_to_what_one_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And none is so long that others wait for it."""
+    lab, longest = known(LAB, False), []
+    align = small_gicp.align
+
+    def counted(*arguments: Any, max_iterations: int, **how: Any) -> Any:
+        longest.append(max_iterations)
+        return align(*arguments, max_iterations=max_iterations, **how)
+
+    (_, scan), *_ = scans(1, False, seed=10)
+    source = lab.source(scan.points, scan.map_from_sensor)
+    shifts = np.random.default_rng(11).normal(size=(4, 6)) * 3 * np.sqrt(np.diag(STATED))
+    monkeypatch.setattr(small_gicp, "align", counted)
+    found = [lab.align(source, shift) for shift in shifts]
+    assert max(longest) * alignment.ROUNDS == 20
+    assert len(longest) > 2 * len(shifts), "some took a second round"
+    monkeypatch.setattr(alignment, "ROUNDS", 1)
+    monkeypatch.setattr(alignment, "ITERATIONS", 20)
+    for rounds, one in zip(found, (lab.align(source, shift) for shift in shifts), strict=True):
+        assert rounds.converged == one.converged
+        np.testing.assert_allclose(rounds.map_from_sensor.matrix, one.map_from_sensor.matrix, atol=1e-6)
 
 
 def test_with_nothing_to_hold_on_to_there_is_no_alignment() -> None:

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.support.records import location_record
-from tidemap.errors import LocationNotFoundError, NoModelError
+from tidemap.errors import LocationNotFoundError
 from tidemap.services.anomalies import Anomaly
 from tidemap.services.locations import LocationSummary
 from tidemap.space.grid import GridGeometry
-from tidemap_web.viewer.source import Question
+from tidemap_web.viewer.source import Question, UnmodelledState, ViewedState
 
 NOW = 1_800_000_000.0
 
@@ -48,7 +48,7 @@ def location(name: str, last_time: float | None = NOW, kind: str = "grid3d") -> 
 
 
 class FakeSource:
-    """Grids by name; a name in `without_model` has no revision yet."""
+    """Grids by name; what is in `without_model` has no revision yet."""
 
     def __init__(self, *names: str, without_model: tuple[str, ...] = ()) -> None:
         self.locations = {name: location(name) for name in names}
@@ -66,11 +66,16 @@ class FakeSource:
             raise LocationNotFoundError(name)
         return self.locations[name]
 
-    def state(self, question: Question) -> FakeState:
-        if question.location in self.without_model:
-            raise NoModelError(question.location)
+    def state(self, question: Question) -> ViewedState:
         self.asked.append(question)
-        return FakeState(time=question.time, confidence=question.confidence or 0.9)
+        confidence = question.confidence or 0.9
+        if question.location in self.without_model:
+            cell, now = np.array([0, 5, 23]), np.full(3, NOW)
+            return UnmodelledState(question.time, confidence, (2, 3, 4), cell, np.array([1, 0, 1], np.uint8), now)
+        return FakeState(time=question.time, confidence=confidence)
+
+    def first_update(self) -> int:
+        return 100
 
     def events(self, name: str, start: float) -> list[Anomaly]:
         return []

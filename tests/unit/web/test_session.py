@@ -162,17 +162,22 @@ def test_a_new_location_appears_in_the_list(page: Page) -> None:
         page.last("grids", lambda grids: len(grids["items"]) == 2)
 
 
-@pytest.mark.parametrize(
-    ("source", "reason"),
-    [
-        (FakeSource(), "no-grids"),
-        (FakeSource("lab", without_model=("lab",)), "no-model"),
-    ],
-)
-def test_it_says_why_there_is_nothing_to_see(source: FakeSource, reason: str, page: Page) -> None:
-    with running(source, page) as session:
+def test_it_says_why_there_is_nothing_to_see(page: Page) -> None:
+    with running(FakeSource(), page) as session:
         session.ask(ViewRequest())
-        assert page.last("notice")["reason"] == reason
+        assert page.last("notice")["reason"] == "no-grids"
+
+
+def test_before_there_is_a_model_it_shows_what_was_last_seen(page: Page) -> None:
+    with running(FakeSource("lab", without_model=("lab",)), page) as session:
+        session.ask(ViewRequest())
+        page.last("frame")
+        session.ask(Select(kind="select", cell=23))
+        frame = page.last("frame", lambda frame: frame["selected"] is not None)
+        assert (frame["revision"], frame["predicted"], frame["observed"]) == (0, 0, 2)
+        assert (frame["unexpected"], frame["missing"], frame["structure"]) == (0, 0, 0)
+        assert (frame["selected"]["probability"], frame["selected"]["observed"]) == (None, 1)
+        assert page.last("location")["first_update"] == 100
 
 
 def test_it_recovers_from_what_is_missing(page: Page) -> None:

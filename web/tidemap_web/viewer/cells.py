@@ -92,7 +92,9 @@ def picture(state: StateArrays, ground: Ground, usual: NDArray[np.float32] | Non
     unexpected = surprise & occupied
     missing = surprise & ~occupied
     stale = occupied & ~fresh & ~structure
-    predicted = np.where(structure, ground.grey, colors.code_of_probability(state.probability))
+    # Before there is a model no probability is known, and none is shown.
+    likely = np.nan_to_num(state.probability)
+    predicted = np.where(structure, ground.grey, colors.code_of_probability(likely))
     observed = np.where(structure, ground.grey, colors.CODE_OCCUPIED)
     observed[stale] = colors.CODE_STALE
     observed[unexpected] = colors.CODE_UNEXPECTED

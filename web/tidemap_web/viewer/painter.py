@@ -57,7 +57,7 @@ class Painter:
     def paint(self, request: ViewRequest, news: bool) -> None:
         """Bring the tab to a request; `news` asks for everything afresh.
 
-        Raises LocationNotFoundError, NoModelError.
+        Raises LocationNotFoundError.
         """
         if news:
             self._publish_grids()
@@ -106,7 +106,8 @@ class Painter:
         self._location = location.name
         now = self._source.now()
         first = location.first_time if location.first_time is not None else now
-        self._publish(report.location(location, self._source.events(location.name, first), now))
+        marks = self._source.events(location.name, first)
+        self._publish(report.location(location, marks, now, self._source.first_update()))
 
     def _painted(self, location: LocationSummary, request: ViewRequest) -> PaintedView | None:
         """What there is to see; None when nothing has been observed."""
@@ -118,14 +119,14 @@ class Painter:
             # Of another shape it is another location, which has just taken the name of this one.
             return None
         ground, layout = self._lay(location, location.grid, state)
-        usual = self._usual(location, state) if request.dim else None
+        usual = self._usual(location, state) if request.dim and state.revision else None
         taste = Taste(request.floor, max(FRESH_S, 2 * location.interval_s))
         return PaintedView(location, state, picture(state, ground, usual, taste), layout, taste)
 
     def _lay(self, location: LocationSummary, grid: GridGeometry, state: ViewedState) -> tuple[Ground, Layout]:
-        """Where the state's cells are, worked out once a revision."""
+        """Where the state's cells are, worked out once a revision; before the first one they change with the time."""
         key = _key(location, state)
-        if self._laid is None or self._laid[0] != key:
+        if self._laid is None or self._laid[0] != key or not state.revision:
             ground = Ground.of(grid, state.cell)
             layout = arrange(grid, ground.index, location.extent is Extent.PLANE)
             self._laid = (key, ground, layout)

@@ -14,7 +14,7 @@ def grids(items: list[LocationSummary]) -> PageMessage:
     return {"kind": "grids", "items": [{"name": item.name, "kind": item.kind} for item in items]}
 
 
-def location(item: LocationSummary, events: list[Anomaly], now: float) -> PageMessage:
+def location(item: LocationSummary, events: list[Anomaly], now: float, first_update: int) -> PageMessage:
     """The chosen grid, the stretch of its timeline, and marks on it."""
     message: PageMessage = {
         "kind": "location",
@@ -23,6 +23,7 @@ def location(item: LocationSummary, events: list[Anomaly], now: float) -> PageMe
         "interval_s": item.interval_s,
         "confidence": item.confidence,
         "revision": item.revision,
+        "first_update": first_update,
         "shape": list(item.cells.shape),
         "frame": item.grid.frame if item.grid else None,
         "resolution_m": item.grid.resolution_m if item.grid else None,
@@ -86,14 +87,14 @@ def cell(shown: PaintedView, number: int) -> PageMessage | None:
         "cell": number,
         "index": shown.grid.index([number])[0].tolist(),
         "position_m": [round(float(x), 3) for x in shown.grid.centre([number])[0]],
-        "probability": float(state.probability[row]),
+        "probability": None if np.isnan(state.probability[row]) else float(state.probability[row]),
         "observed": None if seen == 2 else seen,
         "observed_time": None if seen == 2 else float(state.observed_time[row]),
     }
 
 
 def notice(reason: str, detail: str) -> PageMessage:
-    """Why there is nothing to show: no-grids, no-observations, no-model, not-found or error."""
+    """Why there is nothing to show: no-grids, no-observations, not-found or error."""
     return {"kind": "notice", "reason": reason, "detail": detail}
 
 

@@ -4,7 +4,7 @@ import logging
 import threading
 from collections.abc import Callable
 
-from tidemap.errors import DomainError, LocationNotFoundError, NoModelError
+from tidemap.errors import DomainError, LocationNotFoundError
 from tidemap_web.viewer import report
 from tidemap_web.viewer.messages import Aim, PageMessage, Select, ViewRequest
 from tidemap_web.viewer.painter import Painter
@@ -111,8 +111,6 @@ class Session:
     def _paint(self, request: ViewRequest, news: bool) -> None:
         try:
             self._painter.paint(request, news)
-        except NoModelError as error:
-            self._painter.blank("no-model", str(error))
         except LocationNotFoundError as error:
             self._painter.blank("not-found", str(error))
         except DomainError as error:

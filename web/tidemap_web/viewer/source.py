@@ -3,11 +3,15 @@
 from dataclasses import dataclass
 from typing import Protocol
 
-from tidemap.errors import LocationNotFoundError
+import numpy as np
+from numpy.typing import NDArray
+
+from tidemap.errors import LocationNotFoundError, NoModelError
 from tidemap.services import anomalies, locations, state
 from tidemap.services.anomalies import Anomaly
 from tidemap.services.context import Context
 from tidemap.services.locations import LocationSummary
+from tidemap.services.observed_map import observed_map
 from tidemap_web.viewer.cells import StateArrays
 
 MARKS = 500
@@ -35,6 +39,26 @@ class Question:
     observed: bool = True
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class UnmodelledState:
+    """What was last seen of cells (n,) before there is a model; revision 0."""
+
+    time: float
+    confidence: float
+    shape: tuple[int, ...]
+    cell: NDArray[np.int64]
+    observed: NDArray[np.uint8]
+    observed_time: NDArray[np.float64]
+    revision: int = 0
+    estimator: str = ""
+    order: int = 0
+
+    @property
+    def probability(self) -> NDArray[np.float32]:
+        """(n,) NaN."""
+        return np.full(len(self.cell), np.nan, np.float32)
+
+
 class Source(Protocol):
     """Everything a session needs to know."""
 
@@ -48,7 +72,10 @@ class Source(Protocol):
         """One of them. Raises LocationNotFoundError."""
 
     def state(self, question: Question) -> ViewedState:
-        """Raises NoModelError before the first revision."""
+        """Before the first revision what was last seen, with revision 0 and no probabilities (NaN)."""
+
+    def first_update(self) -> int:
+        """Measurements of a location from which on it has its first update."""
 
     def events(self, name: str, start: float) -> list[Anomaly]:
         """Anomalies since `start`, oldest first, at most MARKS."""
@@ -83,7 +110,22 @@ class Services:
             order=question.order,
             observed=question.observed,
         )
-        return state.state_at(self._ctx, question.location, query)
+        try:
+            return state.state_at(self._ctx, question.location, query)
+        except NoModelError:
+            return self._observed(question)
+
+    def _observed(self, question: Question) -> ViewedState:
+        location = locations.find_location(self._ctx, question.location)
+        seen = observed_map(self._ctx, location, question.time)
+        confidence = location.confidence if question.confidence is None else question.confidence
+        return UnmodelledState(
+            question.time, confidence, location.cells.shape, seen.cell, observed=seen.state, observed_time=seen.time
+        )
+
+    def first_update(self) -> int:
+        """As the server's settings say."""
+        return self._ctx.settings.update_samples
 
     def events(self, name: str, start: float) -> list[Anomaly]:
         """Anomalies since `start`."""

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tidemap.formats.ros_messages import SensorPoints, cloud_points, laser_points, occupancy_states, stamp
+from tidemap.formats.ros_messages import SensorPoints, finite_points, laser_points, occupancy_states, stamp
 from tidemap.formats.rosbag import POSES, SUFFIXES, Bag, BagMessage, BagTopic, unreadable
 from tidemap.importing.options import ImportOptions
 from tidemap.importing.records import Missing, Record, StateReadings, WholeMap
@@ -19,7 +19,7 @@ from tidemap.space.transforms import MissingTransformError, TransformTree
 Points = Callable[[Any, float], SensorPoints]
 SENSORS: dict[str, Points] = {
     "sensor_msgs/msg/LaserScan": laser_points,
-    "sensor_msgs/msg/PointCloud2": cloud_points,
+    "sensor_msgs/msg/PointCloud2": finite_points,
 }
 MAP = "nav_msgs/msg/OccupancyGrid"
 STATES = {"std_msgs/msg/Bool", "std_msgs/msg/String"}

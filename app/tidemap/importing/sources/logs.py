@@ -13,7 +13,8 @@ from tidemap.importing.files import opened
 from tidemap.importing.options import ImportOptions
 from tidemap.importing.records import Record
 from tidemap.space.pose import Pose
-from tidemap.space.sweep import RangeLimits, Sweep, points_of_ranges
+from tidemap.space.ranges import RangeLimits, points_of_ranges
+from tidemap.space.sweep import Sweep
 
 SUFFIXES = {".log", ".clf", ".carmen"}
 
@@ -37,7 +38,7 @@ class Log:
         x, y, theta = line.pose
         rotation = (0.0, 0.0, math.sin(theta / 2), math.cos(theta / 2))
         high = self.options.max_range_m
-        points = points_of_ranges(line.ranges, line.angle, RangeLimits(0.0, high))
+        points = points_of_ranges(line.ranges, line.angle, RangeLimits(clear=high))
         return Sweep(
             line.time + self.options.start, Pose.of_quaternion(np.array([x, y, 0.0]), rotation), points, high, True
         )

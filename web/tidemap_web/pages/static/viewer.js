@@ -153,9 +153,6 @@ function explain({ reason, detail }) {
   } else if (reason === "no-observations") {
     notice("Nothing observed yet", `Post what a robot saw in ${name}; cells are numbers or [i, j, k]:`,
       `curl ${origin}/api/v1/locations/${name}/observations --json '{\n  "observations": [{"time": "…Z", "occupied": [[0, 0, 0]], "free": [[1, 0, 0]]}]}'`);
-  } else if (reason === "no-model") {
-    notice("No model yet", "The history is still short. The server makes a model by itself as it grows; to make one now:",
-      `curl -X POST ${origin}/api/v1/locations/${name}/update --json '{}'`);
   } else if (reason === "not-found") {
     notice("No such grid", `${detail} Choose another location.`);
   } else notice("This did not work", detail);
@@ -188,14 +185,16 @@ const count = (number) => number.toLocaleString("en");
 
 function showFrame() {
   if (!frame || !location) return;
-  $("model").textContent = `revision ${frame.revision} (${frame.estimator})`;
+  $("model").textContent = frame.revision
+    ? `revision ${frame.revision} (${frame.estimator})`
+    : `no model yet: first update at ${count(location.first_update)} measurements`;
   $("unexpected").textContent = frame.unexpected ? count(frame.unexpected) : "";
   $("missing").textContent = frame.missing ? count(frame.missing) : "";
   $("stale").textContent = frame.stale ? count(frame.stale) : "";
   $("fresh").textContent = durationText(frame.fresh_s);
   pairs($("facts"), [
-    ["Revision", String(frame.revision)],
-    ["Estimator", `${frame.estimator}, order ${frame.order}`],
+    ["Revision", frame.revision ? String(frame.revision) : "–"],
+    ["Estimator", frame.revision ? `${frame.estimator}, order ${frame.order}` : "–"],
     ["Predicted", `${count(frame.predicted)} cells shown`],
     ["Observed", `${count(frame.observed)} cells shown`],
     ["Known", `${count(frame.cells)} cells`],
@@ -225,7 +224,7 @@ function showSelected(cell) {
     ["Number", String(cell.cell)],
     ["Index", `[${cell.index.join(", ")}]`],
     ["Centre", `${cell.position_m.join(", ")} m`],
-    ["Probability", cell.probability.toFixed(3)],
+    ["Probability", cell.probability === null ? "–" : cell.probability.toFixed(3)],
     ["Last seen", seen],
     ["", ago],
     ["", link],

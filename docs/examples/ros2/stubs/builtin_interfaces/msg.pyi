@@ -1,0 +1,3 @@
+class Time:
+    sec: int
+    nanosec: int

@@ -1,0 +1,3 @@
+class Parameter:
+    @property
+    def value(self) -> str | float: ...

@@ -1,0 +1,1 @@
+"""Tidemap as a node of ROS 2."""
