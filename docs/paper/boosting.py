@@ -11,7 +11,7 @@ from tidemap.history.timebase import TimeBase
 from tidemap.spectral.civil import DAY_S, civil_seconds
 from tidemap.spectral.evaluation import ScoreSums, score
 from tidemap.spectral.horizons import Ahead, WalkPlan, ahead
-from tidemap.spectral.persistence import CellReadings
+from tidemap.spectral.pairs import CellReadings
 
 MAX_ROWS = 20_000
 """Pairs that are learned from, evenly spread over the past."""

@@ -26,7 +26,7 @@ STATIC = Recipe("static", 0)
 def few_pairs() -> Iterator[None]:
     """Learned from few pairs: it is what is learned from that matters here, not how well."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("tidemap.spectral.persistence.MAX_PAIRS", 200)
+        patch.setattr("tidemap.spectral.pairs.MAX_PAIRS", 200)
         yield
 
 
@@ -52,7 +52,7 @@ def add_reading(sums: list[ScoreSums], before: np.ndarray, reading: tuple[int, i
     run = next((k for k in reversed(known) if before[k] != before[last]), -1)
     begin = next(k for k in known if k > run)
     p, at_last = predict_times(learned.spectrum, BASE.time([n, last]), [cell])[0].astype(float)
-    kept = learned.persistence.kept(60.0 * (n - last), 60.0 * (last - begin + 1))
+    kept = learned.persistence.kept(before[last], 60.0 * (n - last), 60.0 * (last - begin + 1))
     q = at_last if before[last] else 1 - at_last
     answers = (condition(p, q, before[last], kept), p, learned.switching[cell].expect(before[last], n - last))
     for each, answer in zip(sums, answers, strict=True):

@@ -77,5 +77,5 @@ def test_at_its_half_life_half_of_a_reading_is_left(
     nu: float, tau_s: float, alpha: float, kappa: float, age: float
 ) -> None:
     persistence = Persistence(nu, tau_s, alpha, kappa)
-    now, then = persistence.kept([0.0, persistence.half_life_s(age)], age)
+    now, then = persistence.kept(1, [0.0, persistence.half_life_s(age)], age)
     assert then == pytest.approx(now / 2)

@@ -5,56 +5,80 @@ otherwise s0 came from the rhythm at t0. Bayes gives odds(t | s0 = 1) = odds p(t
 odds(t | s0 = 0) = odds p(t) / (1 + g) with g = r / ((1 - r) · q), where q is p(t0) if s0 = 1, else 1 - p(t0).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tidemap.history.history import UNOBSERVED
 from tidemap.history.jit import kernel
+from tidemap.spectral.correction import NO_CORRECTION, LastingCorrection, correction_at
 
 MAX_KEPT: Final = 0.9995
 """The most that r may be: no reading is certain for ever."""
+MAX_LASTED: Final = MAX_KEPT / (1 - MAX_KEPT)
+"""The same of r / (1 - r)."""
 MIN_PROBABILITY: Final = 1e-4
 """The least that the rhythm may believe of a state that was read, and of one that is asked for."""
 
 
 @dataclass(frozen=True, slots=True)
 class Persistence:
-    """How long states last: r(δ, a) = min(.9995, ν ((τ + κa) / (τ + κa + δ))^α), a mixture of exponentials.
+    """How long states last: r(δ, a) = ν ((τ + κa) / (τ + κa + δ))^α, a mixture of exponentials, and a correction.
 
     nu: the share of readings that are no flicker, in (0, 1); tau_s in seconds; alpha, kappa: without unit. A state that
-    has lasted long lasts longer by κ times that. ValueError where one of them is out of range.
+    has lasted long lasts longer by κ times that. correction: what is added to ln(r / (1 - r)), after which r is
+    `MAX_KEPT` at most. ValueError where one of them is out of range.
     """
 
     nu: float = float(1 / (1 + np.exp(-2.0)))
     tau_s: float = 1800.0
     alpha: float = 1.0
     kappa: float = float(np.exp(-2.0))
+    correction: LastingCorrection = NO_CORRECTION
 
     def __post_init__(self) -> None:
         if not (0 < self.nu < 1 and self.tau_s > 0 and self.alpha > 0 and self.kappa >= 0):
             raise ValueError(f"nu lies between 0 and 1, the others are positive, not {self}")
 
-    def kept(self, delta_s: ArrayLike, age_s: ArrayLike) -> NDArray[np.float64]:
+    def kept(self, state: ArrayLike, delta_s: ArrayLike, age_s: ArrayLike) -> NDArray[np.float64]:
         """r: the probability that nothing was redrawn for `delta_s` seconds after a state had lasted `age_s`.
 
-        >>> Persistence(nu=0.5, tau_s=60.0, alpha=1.0, kappa=0.0).kept([0.0, 60.0, 180.0], 5.0).tolist()
+        >>> Persistence(nu=0.5, tau_s=60.0, alpha=1.0, kappa=0.0).kept(1, [0.0, 60.0, 180.0], 5.0).round(4).tolist()
         [0.5, 0.25, 0.125]
         """
         scale = self.tau_s + self.kappa * np.asarray(age_s, np.float64)
-        return np.asarray(
-            np.minimum(MAX_KEPT, self.nu * (scale / (scale + np.asarray(delta_s, np.float64))) ** self.alpha)
-        )
+        r = self.nu * (scale / (scale + np.asarray(delta_s, np.float64))) ** self.alpha
+        lasted = r / (1 - r) * np.exp(self.correction.at(state, delta_s, age_s))
+        return np.asarray(np.minimum(MAX_KEPT, lasted / (1 + lasted)))
 
     def half_life_s(self, age_s: float) -> float:
         """How long until half of what a reading says of later states is gone, after a state had lasted `age_s`.
+
+        Without the correction.
 
         >>> Persistence(nu=0.5, tau_s=60.0, alpha=1.0, kappa=0.0).half_life_s(5.0)
         60.0
         """
         return float((self.tau_s + self.kappa * age_s) * np.expm1(np.log(2) / self.alpha))
+
+    def as_dict(self) -> dict[str, Any]:
+        """As plain JSON."""
+        plain: dict[str, Any] = {"nu": self.nu, "tau_s": self.tau_s, "alpha": self.alpha, "kappa": self.kappa}
+        if self.correction is not NO_CORRECTION:
+            plain["correction"] = [self.correction.interval_s, self.correction.value.tolist()]
+        return plain
+
+    @classmethod
+    def from_dict(cls, value: Mapping[str, Any]) -> "Persistence":
+        """The inverse of `as_dict`. ValueError, TypeError or KeyError where it is none."""
+        formula = {name: value[name] for name in ("nu", "tau_s", "alpha", "kappa")}
+        if "correction" not in value:
+            return cls(**formula)
+        interval_s, table = value["correction"]
+        return cls(**formula, correction=LastingCorrection(interval_s, np.array(table, np.float64)))
 
 
 UNLEARNED: Final = Persistence()
@@ -118,7 +142,8 @@ class Evidence:
         learned = (persistence.nu, persistence.tau_s, persistence.alpha, persistence.kappa)
         scale = (interval_s, standing.hold, standing.limit)
         read = (self.state, self.sample, self.age, self.q)
-        _condition(np.ascontiguousarray(p.T), *read, np.ascontiguousarray(sample), scale, learned, out)
+        correction = persistence.correction.value
+        _condition(np.ascontiguousarray(p.T), *read, np.ascontiguousarray(sample), scale, learned, correction, out)
         return out.T
 
 
@@ -151,6 +176,7 @@ def _condition(
     asked: NDArray[np.int64],
     scale: tuple[float, int, int],
     learned: tuple[float, float, float, float],
+    correction: NDArray[np.float64],
     out: NDArray[np.float32],
 ) -> None:
     """out (m, n): `condition` of p (m, n). Neighbours are often read alike: what is kept of them is computed once."""
@@ -163,22 +189,30 @@ def _condition(
             if asked[row] < read[first]:
                 out[row, first:last] = p[row, first:last]
             else:
-                lasted = _lasted(read[first], age[first], asked[row], scale, learned)
-                _condition_alike(p[row], state, q, first, last, lasted, out[row])
+                free = _lasted(0, read[first], age[first], asked[row], scale, learned, correction)
+                occupied = _lasted(1, read[first], age[first], asked[row], scale, learned, correction)
+                _condition_alike(p[row], state, q, first, last, free, occupied, out[row])
         first = last
 
 
 @kernel
 def _lasted(
-    read: int, age: int, asked: int, scale: tuple[float, int, int], learned: tuple[float, float, float, float]
+    state: Any,
+    read: int,
+    age: int,
+    asked: int,
+    scale: tuple[float, int, int],
+    learned: tuple[float, float, float, float],
+    correction: NDArray[np.float64],
 ) -> float:
-    """r / (1 - r) of a reading in a sample that is asked for."""
+    """r / (1 - r) of a reading of a state in a sample that is asked for."""
     interval_s, hold, limit = scale
     nu, tau_s, alpha, kappa = learned
     until = max(read, min(read + hold, limit))
-    span = tau_s + kappa * (age + until - read) * interval_s
-    kept = min(MAX_KEPT, nu * (span / (span + max(0, asked - until) * interval_s)) ** alpha)
-    return float(kept / (1 - kept))
+    lived, apart = age + until - read, max(0, asked - until)
+    span = tau_s + kappa * lived * interval_s
+    kept = nu * (span / (span + apart * interval_s)) ** alpha
+    return float(min(MAX_LASTED, kept / (1 - kept) * np.exp(correction_at(correction, state, apart, lived))))
 
 
 @kernel
@@ -188,7 +222,8 @@ def _condition_alike(
     q: NDArray[np.float32],
     first: int,
     last: int,
-    lasted: float,
+    free: float,
+    occupied: float,
     out: NDArray[np.float32],
 ) -> None:
     """Cells [first, last), read in the same sample after the same time; without branches, several at once.
@@ -196,11 +231,11 @@ def _condition_alike(
     An index without a sign cannot count from the end: to look for that would take twice as long.
     """
     least, most = np.float32(MIN_PROBABILITY), np.float32(1 - MIN_PROBABILITY)
-    one, much = np.float32(1), np.float32(lasted)
+    one, lasted = np.float32(1), (np.float32(free), np.float32(occupied))
     for i in range(np.uint64(first), np.uint64(last)):
         bounded = least if p[i] < least else (most if p[i] > most else p[i])
         likely = least if q[i] < least else q[i]
-        own = bounded if state[i] == 1 else one - bounded
+        own, much = (bounded, lasted[1]) if state[i] == 1 else (one - bounded, lasted[0])
         given = own * (likely + much) / (likely + own * much)
         known = given if state[i] == 1 else one - given
         out[i] = p[i] if state[i] == UNOBSERVED else known

@@ -11,7 +11,8 @@ from tidemap.history.timebase import TimeBase
 from tidemap.spectral.conditioning import Persistence, condition
 from tidemap.spectral.evaluation import ScoreSums
 from tidemap.spectral.model import fit_part
-from tidemap.spectral.persistence import CellReadings, learn_persistence
+from tidemap.spectral.pairs import CellReadings
+from tidemap.spectral.persistence import learn_persistence
 from tidemap.spectral.prediction import predict_times
 from tidemap.spectral.recipe import Recipe
 from tidemap.spectral.spectrum import Spectrum
@@ -116,7 +117,7 @@ def _score(
         truth = readings.state[pair.later]
         state, apart = readings.state[pair.earlier], readings.sample[pair.later] - readings.sample[pair.earlier]
         age = readings.sample[pair.earlier] - readings.begin[pair.earlier] + 1
-        kept = learned.persistence.kept(apart * base.interval_s, age * base.interval_s)
+        kept = learned.persistence.kept(state, apart * base.interval_s, age * base.interval_s)
         q = np.where(state != 0, p[pair.earlier], 1 - p[pair.earlier])
         each.conditioned.add(condition(p[pair.later], q, state, kept), truth)
         each.rhythm.add(p[pair.later], truth)

@@ -1,81 +1,65 @@
 """Learning how long states last at a location, from pairs of readings of its history (DESIGN 2.8)."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
+from scipy.sparse import csr_array
 from scipy.special import expit, log_softmax, logsumexp, softmax
 
-from tidemap.history.history import UNOBSERVED, History
+from tidemap.history.history import History
 from tidemap.history.timebase import TimeBase
-from tidemap.spectral.civil import DAY_S
-from tidemap.spectral.conditioning import Persistence, condition
-from tidemap.spectral.prediction import predict_times
+from tidemap.spectral.conditioning import MAX_LASTED, UNLEARNED, Persistence
+from tidemap.spectral.correction import AGE_STEP, DELTA_STEP, LastingCorrection
+from tidemap.spectral.pairs import Pairs, pairs_of
 from tidemap.spectral.spectrum import Spectrum
 
-MAX_PAIRS: Final = 20_000
-MAX_DELTA_S: Final = 14 * DAY_S
 PRIOR_MEAN: Final = np.array([2.0, np.log(1800.0), 0.0, -2.0])
 """Of logit ν, ln τ in seconds, ln α and ln κ."""
 PRIOR_SD: Final = np.array([1.5, 2.0, 1.0, 1.5])
-STEPS: Final = (0.7548776662466927, 0.5698402909980532)
-"""Of the R2 sequence, which fills a square evenly (Roberts, 2018)."""
-LEAST_P: Final = 1e-6
+CORRECTION_SD: Final = 2.0
+"""Of every entry of the correction, under its prior."""
+STEP_SD: Final = 0.5
+"""Of the difference of neighbouring entries."""
+MAX_ENTRIES: Final = (24, 10)
+"""Of the correction: distances and ages."""
+MAX_STEPS: Final = 100
+DIGITS: Final = 3
+"""Of the correction, as it is stored."""
 OFFSETS: Final = np.arange(-8, 9) / 4
-"""By which ln τ of a cell may differ from its location's."""
+"""By which ln (τ + κ a) of a cell may differ from its location's."""
 OFFSET_SDS: Final = (0.01, 0.25, 0.5, 1.0)
 """How far cells may differ, as standard deviations; with the first they are alike."""
-PAIRS_OF_RUN: Final = 3
-"""Pairs of a cell that say as much as one run of it."""
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Pairs:
-    """Pairs of readings of the same cell, (n,) each, the second `delta_s` after the first.
-
-    state, age_s and q are of the first: how long it had lasted, and the model's probability of it. p and truth are of
-    the second. cell: of both. independent: what a pair counts where cells are told apart, as those of a cell may be
-    many more than its runs.
-    """
-
-    state: NDArray[np.uint8]
-    age_s: NDArray[np.float64]
-    q: NDArray[np.float64]
-    delta_s: NDArray[np.float64]
-    p: NDArray[np.float64]
-    truth: NDArray[np.uint8]
-    weight: NDArray[np.float64]
-    cell: NDArray[np.int64]
-    independent: NDArray[np.float64]
-
-    def losses(self, persistence: Persistence) -> NDArray[np.float64]:
-        """(n,) the log loss of the second reading of each, given the first, weighed."""
-        p = condition(self.p, self.q, self.state, persistence.kept(self.delta_s, self.age_s))
-        likely = np.where(self.truth != 0, p, 1 - p)
-        return np.asarray(-self.weight * np.log(np.maximum(likely, LEAST_P)), np.float64)
+Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lasting:
-    """How long states last: of all cells, and by how much ln τ differs in each, (n_cells,)."""
+    """How long states last: of all cells, and by how much ln (τ + κ a) differs in each, (n_cells,)."""
 
     persistence: Persistence
     offset: NDArray[np.float64]
 
 
 def learn_lasting(history: History, spectrum: Spectrum, base: TimeBase) -> Lasting:
-    """`learn_persistence`, and of every cell the expected offset of ln τ (empirical Bayes): the more the cells differ
-    and the more pairs one has, the more of its own it keeps. A single one has nothing to differ from.
+    """`learn_persistence`, and of every cell the expected offset of ln (τ + κ a) (empirical Bayes).
+
+    The more the cells differ and the more pairs one has, the more of its own it keeps. A single one has nothing to
+    differ from.
     """
     pairs = pairs_of(history, spectrum, base)
-    shared = _shared(pairs)
+    if pairs is None:
+        return Lasting(UNLEARNED, np.zeros(history.n_cells))
+    shared = _shared(pairs, base.interval_s)
     if history.n_cells < 2:
         return Lasting(shared, np.zeros(history.n_cells))
     fits = np.empty((history.n_cells, len(OFFSETS)))
     for column, offset in enumerate(OFFSETS.tolist()):
-        losses = pairs.losses(differing(shared, offset)) * pairs.independent
+        losses = pairs.losses(_lasted(differing(shared, offset), pairs))[0] * pairs.independent
         fits[:, column] = -np.bincount(pairs.cell, losses, history.n_cells)
     return Lasting(shared, _expected(fits))
 
@@ -91,96 +75,98 @@ def _expected(fits: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def differing(persistence: Persistence, offset: float) -> Persistence:
-    """That of a cell whose ln τ differs by `offset`."""
-    return replace(persistence, tau_s=persistence.tau_s * float(np.exp(offset)))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CellReadings:
-    """What was read of one cell, (n,) each in order of time: sample, state, and the first sample of its run."""
-
-    sample: NDArray[np.int64]
-    state: NDArray[np.uint8]
-    begin: NDArray[np.int64]
-
-    @classmethod
-    def of(cls, history: History, cell: int) -> "CellReadings":
-        """All readings of a cell of a history."""
-        states = history.cells(np.array([cell])).states()[0]
-        seen = np.flatnonzero(states != UNOBSERVED)
-        state, sample = states[seen], history.start + seen
-        begins = np.diff(state, prepend=UNOBSERVED) != 0
-        return cls(sample, state, sample[np.maximum.accumulate(np.where(begins, np.arange(seen.size), 0))])
+    """That of a cell whose states last longer by the factor exp(`offset`): its ln (τ + κ a) differs by that."""
+    factor = float(np.exp(offset))
+    return replace(persistence, tau_s=persistence.tau_s * factor, kappa=persistence.kappa * factor)
 
 
 def learn_persistence(history: History, spectrum: Spectrum, base: TimeBase) -> Persistence:
-    """The mode of the log loss of pairs of readings under a normal prior, shared by the cells of a history.
+    """The mode of the log loss of pairs of readings under normal priors, shared by the cells of a history.
 
-    spectrum: fitted to the same cells. Pairs are spread evenly in the logarithm of their distance, up to 14 days. With
-    nothing to learn from it is the mean of the prior.
+    First of the formula, then of what it leaves to be corrected. spectrum: fitted to the same cells. With nothing to
+    learn from it is the mean of the prior.
     """
-    return _shared(pairs_of(history, spectrum, base))
+    pairs = pairs_of(history, spectrum, base)
+    return UNLEARNED if pairs is None else _shared(pairs, base.interval_s)
 
 
-def _shared(pairs: Pairs) -> Persistence:
-    if not pairs.state.size:
-        return _persistence(PRIOR_MEAN)
-
-    def cost(theta: NDArray[np.float64]) -> float:
-        off = np.square((theta - PRIOR_MEAN) / PRIOR_SD).sum() / 2
-        return float(off + pairs.losses(_persistence(theta)).sum())
-
-    bounds = [(mean - 4 * sd, mean + 4 * sd) for mean, sd in zip(PRIOR_MEAN, PRIOR_SD, strict=True)]
-    return _persistence(minimize(cost, PRIOR_MEAN, method="L-BFGS-B", bounds=bounds).x)
+def _shared(pairs: Pairs, interval_s: float) -> Persistence:
+    formula = _formula(pairs)
+    return replace(formula, correction=_correction(pairs, formula, interval_s))
 
 
-def _persistence(theta: NDArray[np.float64]) -> Persistence:
+def _lasted(persistence: Persistence, pairs: Pairs) -> Vector:
+    r = persistence.kept(pairs.state, pairs.delta_s, pairs.age_s)
+    return np.asarray(r / (1 - r))
+
+
+def _formula(pairs: Pairs) -> Persistence:
+    """ν, τ, α and κ."""
+
+    def cost(theta: Vector) -> tuple[float, Vector]:
+        nu, tau_s, alpha, lived_s = expit(theta[0]), np.exp(theta[1]), np.exp(theta[2]), np.exp(theta[3]) * pairs.age_s
+        span = tau_s + lived_s
+        log_left = np.log(span / (span + pairs.delta_s))
+        r = nu * np.exp(alpha * log_left)
+        loss, slope = pairs.losses(r / (1 - r))
+        by_span = alpha * (1 / span - 1 / (span + pairs.delta_s))
+        by_theta = np.stack((np.full_like(r, 1 - nu), tau_s * by_span, alpha * log_left, lived_s * by_span))
+        return float((pairs.evidence * loss).sum()), by_theta @ (pairs.evidence * slope / (1 - r))
+
+    theta = _mode(cost, PRIOR_MEAN, np.diag(PRIOR_SD**-2.0), 4 * PRIOR_SD)
     return Persistence(float(expit(theta[0])), *np.exp(theta[1:]).tolist())
 
 
-def pairs_of(history: History, spectrum: Spectrum, base: TimeBase) -> Pairs:
-    """Pairs of readings of all cells, `MAX_PAIRS` at most."""
-    some = max(1, MAX_PAIRS // max(1, history.n_cells))
-    found = [_of_cell(history, cell, spectrum, base, some) for cell in range(history.n_cells)]
-    columns = zip(*(part for part in found if part is not None), strict=True)
-    joined = [np.concatenate(column) for column in columns]
-    return Pairs(*joined) if joined else Pairs(*(np.empty(0, np.int64) for _ in range(9)))  # type: ignore[arg-type]
+def _correction(pairs: Pairs, formula: Persistence, interval_s: float) -> LastingCorrection:
+    """What the formula leaves, to `DIGITS`: a table, smooth under its prior."""
+    n_deltas, n_ages = (
+        int(np.clip(np.ceil(np.log(pairs.delta_s.max() / interval_s) / np.log(step)) + 1, 2, most))
+        for step, most in zip((DELTA_STEP, AGE_STEP), MAX_ENTRIES, strict=True)
+    )
+    table = LastingCorrection(interval_s, np.zeros((2, n_deltas, n_ages)))
+    entries, before = _entries(table, pairs), _lasted(formula, pairs)
+
+    def cost(value: Vector) -> tuple[float, Vector]:
+        lasted = before * np.exp(entries @ value)
+        loss, slope = pairs.losses(np.minimum(MAX_LASTED, lasted))
+        gradient = entries.T @ (pairs.evidence * np.where(lasted < MAX_LASTED, slope, 0))
+        return float((pairs.evidence * loss).sum()), gradient
+
+    value = _mode(cost, table.value.ravel(), _smoothness(n_deltas, n_ages))
+    return replace(table, value=value.reshape(table.value.shape).round(DIGITS))
 
 
-def _of_cell(
-    history: History, cell: int, spectrum: Spectrum, base: TimeBase, n_pairs: int
-) -> tuple[NDArray[Any], ...] | None:
-    """The columns of the pairs of one cell; None where it was read once at most."""
-    readings = CellReadings.of(history, cell)
-    state, seen, begin = readings.state, readings.sample - history.start, readings.begin - history.start
-    if seen.size < 2:
-        return None
-    earlier, wanted, weight = _chosen(state, seen, base.interval_s, n_pairs)
-    later = np.searchsorted(seen, seen[earlier] + wanted)
-    inside = later < seen.size
-    earlier, later, weight = earlier[inside], later[inside], weight[inside]
-    p = predict_times(spectrum, base.time(history.start + seen[np.r_[later, earlier]]), [cell])[0].astype(np.float64)
-    at_first = p[later.size :]
-    q = np.where(state[earlier] != 0, at_first, 1 - at_first)
-    age_s = (seen[earlier] - begin[earlier] + 1) * base.interval_s
-    delta_s = (seen[later] - seen[earlier]) * base.interval_s
-    of_cell = np.full(later.size, cell)
-    independent = np.full(later.size, min(1.0, PAIRS_OF_RUN * np.unique(begin).size / max(1, later.size)))
-    return state[earlier], age_s, q, delta_s, p[: later.size], state[later], weight, of_cell, independent
+def _entries(table: LastingCorrection, pairs: Pairs) -> csr_array:
+    """(n_pairs, n_entries): the entries that each pair lies between."""
+    _, n_deltas, n_ages = table.value.shape
+    corners = table.corners(pairs.delta_s, pairs.age_s)
+    column = [(pairs.state.astype(np.int64) * n_deltas + i) * n_ages + j for i, j, _ in corners]
+    row = np.tile(np.arange(pairs.state.size), len(corners))
+    part = np.concatenate([share for _, _, share in corners])
+    return csr_array((part, (row, np.concatenate(column))), (pairs.state.size, table.value.size))
 
 
-def _chosen(
-    state: NDArray[np.uint8], seen: NDArray[np.int64], interval_s: float, n_pairs: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-    """Readings, half of them of each state, how many samples to look ahead, and what each of them counts."""
-    number = np.arange(1, n_pairs + 1)
-    longest = max(2.0, min(MAX_DELTA_S / interval_s, float(seen[-1] - seen[0])))
-    wanted = np.rint(longest ** (number * STEPS[0] % 1)).astype(np.int64)
-    position = number * STEPS[1] % 1
-    free, occupied = np.flatnonzero(state == 0), np.flatnonzero(state)
-    if not free.size or not occupied.size:
-        return (position * seen.size).astype(np.int64), wanted, np.ones(n_pairs)
-    first = number % 2 == 0
-    chosen = np.where(first, free[(position * free.size).astype(int)], occupied[(position * occupied.size).astype(int)])
-    weight = 2 * np.where(first, free.size, occupied.size) / seen.size
-    return chosen, wanted, weight
+def _smoothness(n_deltas: int, n_ages: int) -> NDArray[np.float64]:
+    """The precision of the prior of the correction."""
+    rough = [np.diff(np.eye(n), axis=0) for n in (n_deltas, n_ages)]
+    over_delta, over_age = (each.T @ each for each in rough)
+    one = np.kron(over_delta, np.eye(n_ages)) + np.kron(np.eye(n_deltas), over_age)
+    return np.asarray(np.kron(np.eye(2), one / STEP_SD**2 + np.eye(n_deltas * n_ages) / CORRECTION_SD**2), np.float64)
+
+
+def _mode(
+    cost: Callable[[Vector], tuple[float, Vector]],
+    mean: Vector,
+    precision: NDArray[np.float64],
+    furthest: Vector | float = np.inf,
+) -> Vector:
+    """Where a log loss under a normal prior is least, at most so far from its mean; the cost has its gradient, too."""
+
+    def total(theta: Vector) -> tuple[float, Vector]:
+        loss, gradient = cost(theta)
+        pull = precision @ (theta - mean)
+        return loss + float((theta - mean) @ pull) / 2, gradient + pull
+
+    bounds = list(zip(mean - furthest, mean + furthest, strict=True))
+    found = minimize(total, mean, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": MAX_STEPS})
+    return np.asarray(found.x, np.float64)

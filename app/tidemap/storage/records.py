@@ -185,7 +185,7 @@ class RevisionRecord:
     """One update: samples [start, stop) were fitted; `observation_seq` and `measurements` were known then.
 
     persistence: how long states last, as the update learned it; by default what is believed without having learned.
-    offset: by cell, where its ln τ differs from that.
+    offset: by cell, where its ln (τ + κ a) differs from that.
     detector: the same as read by a sensor that errs, where the location had one.
     """
 
@@ -212,7 +212,7 @@ class RevisionRecord:
         learned = unpack_json(row["persistence"], f"the persistence of {what}") if row["persistence"] else {}
         offset = {int(cell): float(value) for cell, value in learned.pop("offset", [])}
         read = row["detector"] and Detector.from_dict(unpack_json(row["detector"], f"the detector of {what}"))
-        lasting = {"persistence": Persistence(**learned) if learned else UNLEARNED, "offset": offset}
+        lasting = {"persistence": Persistence.from_dict(learned) if learned else UNLEARNED, "offset": offset}
         return cls(**{**row, "recipe": recipe, "selection": selection, "detector": read or None, **lasting})
 
     @property

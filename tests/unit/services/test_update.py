@@ -1,6 +1,7 @@
 """Updates: what is fitted, what becomes visible, and what does not when something goes wrong."""
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,9 @@ def test_a_revision_says_what_it_is(ctx: Context, clock: Clock) -> None:
     assert (record.revision, record.estimator, record.order) == (1, "fft", 4)
     assert (record.start, record.stop) == (0, 3 * 1440)
     assert (record.observation_seq, record.measurements, record.updated_at) == (1, 3 * 1440, NOW + 5)
-    assert current_revision(ctx, "door")[1] == record
+    stored = current_revision(ctx, "door")[1]
+    assert stored.persistence.as_dict() == record.persistence.as_dict()
+    assert replace(stored, persistence=record.persistence) == record
     shown = get_location(ctx, "door")
     assert (shown.revision, shown.updated_at, shown.accuracy) == (1, NOW + 5, record.accuracy)
     assert refit(ctx, "door").revision == 2

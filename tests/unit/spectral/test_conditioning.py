@@ -1,5 +1,8 @@
 """The state at a time, given the latest reading."""
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,9 +10,19 @@ from hypothesis import strategies as st
 
 from tidemap.history.history import NEVER, UNOBSERVED, History
 from tidemap.history.timebase import TimeBase
-from tidemap.spectral.conditioning import MIN_PROBABILITY, UNLEARNED, Evidence, Persistence, Standing, condition
+from tidemap.spectral.conditioning import (
+    MAX_KEPT,
+    MIN_PROBABILITY,
+    UNLEARNED,
+    Evidence,
+    Persistence,
+    Standing,
+    condition,
+)
+from tidemap.spectral.correction import NO_CORRECTION, LastingCorrection
 from tidemap.spectral.estimators import fit
-from tidemap.spectral.persistence import learn_lasting, learn_persistence, pairs_of
+from tidemap.spectral.pairs import pairs_of
+from tidemap.spectral.persistence import learn_lasting, learn_persistence
 from tidemap.spectral.prediction import predict_times
 
 SHARE = st.floats(0.001, 0.999)
@@ -52,20 +65,50 @@ def test_a_certain_model_can_be_wrong(state: int) -> None:
     assert MIN_PROBABILITY < found < 1 - MIN_PROBABILITY
 
 
-@given(delta=st.floats(0, 1e7), age=st.floats(0, 1e8))
-def test_states_that_have_lasted_last_and_time_takes_its_toll(delta: float, age: float) -> None:
-    kept = float(UNLEARNED.kept(delta, age))
-    assert 0 < kept <= 0.9995
-    assert UNLEARNED.kept(delta + 60, age) <= kept <= UNLEARNED.kept(delta, age + 60)
+@given(delta=st.floats(0, 1e7), age=st.floats(0, 1e8), state=st.sampled_from([0, 1]))
+def test_states_that_have_lasted_last_and_time_takes_its_toll(delta: float, age: float, state: int) -> None:
+    kept = float(UNLEARNED.kept(state, delta, age))
+    assert 0 < kept <= MAX_KEPT
+    assert UNLEARNED.kept(state, delta + 60, age) <= kept <= UNLEARNED.kept(state, delta, age + 60)
 
 
 @pytest.mark.parametrize("wrong", [{"nu": 0.0}, {"nu": 1.0}, {"tau_s": 0.0}, {"alpha": -1.0}, {"kappa": -0.1}])
 def test_what_is_no_persistence_is_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="positive"):
-        Persistence(**wrong)
+        Persistence.from_dict(UNLEARNED.as_dict() | wrong)
 
 
-def test_evidence_of_several_cells_over_several_samples() -> None:
+@pytest.mark.parametrize(
+    "table", [np.zeros((2, 2)), np.zeros((1, 2, 2)), np.zeros((2, 1, 2)), np.full((2, 2, 2), np.inf)]
+)
+def test_what_is_no_correction_is_refused(table: np.ndarray) -> None:
+    with pytest.raises(ValueError, match="two states"):
+        LastingCorrection(60.0, table)
+
+
+def test_a_persistence_comes_back_from_what_is_stored_of_it() -> None:
+    assert Persistence.from_dict(UNLEARNED.as_dict()).correction is NO_CORRECTION
+    before = Persistence(0.9, 60.0, 1.5, 0.1, corrected())
+    after = Persistence.from_dict(json.loads(json.dumps(before.as_dict())))
+    assert after.as_dict() == before.as_dict()
+    np.testing.assert_array_equal(after.correction.value, before.correction.value)
+
+
+def corrected() -> LastingCorrection:
+    return LastingCorrection(60.0, np.random.default_rng(2).normal(size=(2, 5, 3)))
+
+
+def test_a_correction_is_linear_in_the_logarithms_and_constant_beyond() -> None:
+    table = corrected()
+    for i, j in ((0, 0), (4, 2), (2, 1)):
+        assert table.at([0, 1], 60.0 * 2**i, 60.0 * 4**j) == pytest.approx(table.value[:, i, j])
+    between = (table.value[1, 2, 1] + table.value[1, 3, 1] + table.value[1, 2, 2] + table.value[1, 3, 2]) / 4
+    assert float(table.at(1, 60.0 * 2**2.5, 60.0 * 4**1.5)) == pytest.approx(between)
+    assert table.at(0, [0.0, 1e9], [0.0, 1e9]) == pytest.approx(table.value[0, [0, 4], [0, 2]])
+
+
+@pytest.mark.parametrize("persistence", [UNLEARNED, Persistence(0.8, 600.0, 1.2, 0.3, corrected())])
+def test_evidence_of_several_cells_over_several_samples(persistence: Persistence) -> None:
     evidence = Evidence(
         np.array([1, 0, UNOBSERVED], np.uint8),
         np.array([10, 12, NEVER]),
@@ -75,14 +118,14 @@ def test_evidence_of_several_cells_over_several_samples() -> None:
     p = np.array([[0.5, 0.2, 0.9, 0.0]] * 3, np.float32)
     samples = np.array([5, 10, 12, 1000])
     for hold, limit, until in ((0, 0, (10, 12)), (50, 30, (30, 30)), (50, 11, (11, 12)), (5, 1000, (15, 17))):
-        found = evidence.condition(p, samples, 60.0, UNLEARNED, Standing(hold, limit))
+        found = evidence.condition(p, samples, 60.0, persistence, Standing(hold, limit))
         assert found.dtype == np.float32
         np.testing.assert_array_equal(found[2], p[2])
         for cell, (state, age, q) in enumerate([(1, 1, 0.4), (0, 10, 0.7)]):
             read = int(evidence.sample[cell])
             for column, sample in enumerate(samples.tolist()):
                 lived = 60.0 * (age + until[cell] - read)
-                kept = UNLEARNED.kept(60.0 * max(0, sample - until[cell]), lived)
+                kept = persistence.kept(state, 60.0 * max(0, sample - until[cell]), lived)
                 given_it = condition(p[cell, column], np.float32(q), state, kept)
                 expected = p[cell, column] if sample < read else given_it
                 assert found[cell, column] == pytest.approx(float(expected), abs=1e-6)
@@ -112,15 +155,29 @@ def test_how_long_states_last_is_learned(keep: float) -> None:
     history = History.from_states(switching(20_000, keep, 7)[np.newaxis])
     learned = learn_persistence(history, fit(history, "static", 0, MINUTES), MINUTES)
     for samples in (1, 5, 20):
-        kept = float(learned.kept(60.0 * samples, 60.0 / (1 - keep)))
+        kept = learned.kept([0, 1], 60.0 * samples, 60.0 / (1 - keep))
         assert kept == pytest.approx(keep**samples, abs=0.06)
+
+
+def test_stays_of_one_length_end_when_they_are_over() -> None:
+    """The formula cannot say so, as what has lasted lasts by it; the correction does."""
+    states = np.zeros(30_000, np.uint8)
+    for first in np.flatnonzero(np.random.default_rng(4).random(states.size) < 0.01):
+        states[first : first + 16] = 1
+    history = History.from_states(states[np.newaxis])
+    learned = learn_persistence(history, fit(history, "static", 0, MINUTES), MINUTES)
+    young, old = learned.kept(1, 60.0, [60.0, 16 * 60.0])
+    assert young > 0.95
+    assert old < 0.85
+    formula = replace(learned, correction=NO_CORRECTION)
+    assert np.all(np.diff(formula.kept(1, 60.0, [60.0, 16 * 60.0])) >= 0)
 
 
 def test_of_noise_hardly_anything_is_kept() -> None:
     states = np.random.default_rng(3).integers(0, 2, (4, 8000)).astype(np.uint8)
     history = History.from_states(states)
     learned = learn_persistence(history, fit(history, "static", 0, MINUTES), MINUTES)
-    assert float(learned.kept(60.0, 60.0)) < 0.05
+    assert np.all(learned.kept([0, 1], 60.0, 60.0) < 0.05)
 
 
 def test_with_nothing_to_learn_from_it_is_what_is_believed() -> None:
@@ -131,7 +188,7 @@ def test_with_nothing_to_learn_from_it_is_what_is_believed() -> None:
     ):
         history = History.from_states(states)
         learned = learn_persistence(history, fit(history, "static", 0, MINUTES), MINUTES)
-        assert learned.kept(3600.0, 60.0) == pytest.approx(float(UNLEARNED.kept(3600.0, 60.0)))
+        assert learned.kept(1, 3600.0, 60.0) == pytest.approx(float(UNLEARNED.kept(1, 3600.0, 60.0)))
 
 
 def test_pairs_are_readings_of_the_history() -> None:
@@ -141,11 +198,38 @@ def test_pairs_are_readings_of_the_history() -> None:
     history = History.from_states(states, start=40)
     spectrum = fit(history, "fft", 3, MINUTES)
     pairs = pairs_of(history, spectrum, MINUTES)
+    assert pairs is not None
     assert pairs.state.size > 10_000
     assert (pairs.delta_s >= 60).all()
     assert (pairs.age_s >= 60).all()
     every = predict_times(spectrum, MINUTES.time(np.arange(40, 540)))
-    assert np.isin(np.float32(pairs.p), every).all()
+    assert np.isin(np.float32(np.where(pairs.state != 0, pairs.own, 1 - pairs.own)), every).all()
+
+
+def test_pairs_stand_for_all_pairs() -> None:
+    """Those before a change are chosen more often, and count less."""
+    states = switching(3000, 0.97, 5)
+    states[np.random.default_rng(1).random(3000) < 0.3] = UNOBSERVED
+    history = History.from_states(states[np.newaxis])
+    pairs = pairs_of(history, fit(history, "static", 0, MINUTES), MINUTES)
+    assert pairs is not None
+    runs = 1 + np.count_nonzero(np.diff(states[states != UNOBSERVED]))
+    assert pairs.independent.sum() == pytest.approx(3 * runs, rel=0.1)
+    near = pairs.delta_s == 60.0
+    both = (states[1:] != UNOBSERVED) & (states[:-1] != UNOBSERVED)
+    changed = np.mean(states[1:][both] != states[:-1][both])
+    assert np.average(~pairs.same[near], weights=pairs.evidence[near]) == pytest.approx(changed, rel=0.25)
+    assert np.mean(~pairs.same[near]) > 3 * changed
+
+
+def test_the_slope_of_the_loss_is_its_derivative() -> None:
+    history = History.from_states(switching(2000, 0.9, 8)[np.newaxis])
+    pairs = pairs_of(history, fit(history, "static", 0, MINUTES), MINUTES)
+    assert pairs is not None
+    for log_lasted in (-2.0, 0.0, 3.0):
+        low, high = (pairs.losses(np.exp(np.full(len(pairs.q), log_lasted + step)))[0] for step in (-1e-4, 1e-4))
+        _, slope = pairs.losses(np.exp(np.full(len(pairs.q), log_lasted)))
+        np.testing.assert_allclose((high - low) / 2e-4, slope, atol=1e-6)
 
 
 @pytest.mark.parametrize("spread", [0.0, 1.0])
@@ -156,7 +240,7 @@ def test_cells_differ_where_they_do(spread: float) -> None:
     learned = learn_lasting(history, fit(history, "static", 0, MINUTES), MINUTES)
     if spread:
         assert np.corrcoef(learned.offset, np.log(last_s))[0, 1] > 0.85
-        assert learned.offset[-1] - learned.offset[0] > 1.5
+        assert learned.offset[-1] - learned.offset[0] > 1.2
     else:
         assert np.abs(learned.offset).max() < 0.1
 
@@ -192,7 +276,7 @@ def test_what_is_given_predicts_better_than_rhythm_and_than_persistence(seed: in
         run = np.array([k - np.flatnonzero(np.diff(states[: k + 1], prepend=9))[-1] for k in at])
         truth, last = states[at + ahead], states[at]
         q = np.where(last == 1, model[at], 1 - model[at])
-        kept = learned.kept(600.0 * ahead, 600.0 * (run + 1))
+        kept = learned.kept(last, 600.0 * ahead, 600.0 * (run + 1))
         loss = [
             _log_loss(each, truth)
             for each in (

@@ -77,6 +77,16 @@ def test_doubt_draws_to_a_half_the_less_the_more_days_were_seen() -> None:
     assert away["full"] < 0.3 * away["gap"]
 
 
+@pytest.mark.parametrize(("days", "left"), [(1, 0.2835), (3, 0.486), (7, 1.0)])
+def test_less_outlasts_a_week_than_the_next_day(days: int, left: float) -> None:
+    assert level.outlasting(days) == pytest.approx(left, abs=1e-3)
+
+
+def test_two_weeks_that_end_with_a_mood_say_little_of_the_week_to_come() -> None:
+    """Every trial of theirs is of one day: it shows how far the next day is like the last."""
+    assert choose(moody(14, 0.95, 3), BASE, time_zone="UTC").carry_over <= level.outlasting(1)
+
+
 def test_a_departure_is_followed_as_far_as_asked() -> None:
     states = moody(21, 0.0).states()
     states[:, -DAY:] = 0

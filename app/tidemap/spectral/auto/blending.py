@@ -157,10 +157,15 @@ def _levelled(task: Task, mixed: Blend) -> Blend:
 
 
 def _share(loss: Sequence[float], task: Task) -> float:
-    """The average share, weighed as settings are; days left out tell nothing of days to come."""
-    known = np.zeros(len(SHARES)) if task.trials[0].around else np.array(loss)
+    """The average share, weighed as settings are, less what fades within a week where trials are shorter.
+
+    Days left out tell nothing of days to come.
+    """
+    first = task.trials[0]
+    known = np.zeros(len(SHARES)) if first.around else np.array(loss)
     weight = np.exp(SHARE_SLOPE * np.array(SHARES) - CARRY_OVER_TRUST * trust(task) * (known - known.min()))
-    return round(float((weight * SHARES).sum() / weight.sum()), 2)
+    fading = 1.0 if first.around else level.outlasting(first.last - first.first)
+    return round(fading * float((weight * SHARES).sum() / weight.sum()), 2)
 
 
 def trust(task: Task) -> float:

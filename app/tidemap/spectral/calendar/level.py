@@ -31,6 +31,15 @@ def latest_days(date: NDArray[np.int64], today: int) -> Vector:
     return np.asarray(np.where(age >= 0, 2.0 ** (-np.maximum(age, 0) / HALF_LIFE_DAYS), 0), np.float32)
 
 
+def outlasting(days: int) -> float:
+    """What is left of a departure over the days of a week, on average, to what is left of it over the first `days`.
+
+    It halves every HALF_LIFE_DAYS: what was seen of the next day alone is more than what will be of the week.
+    """
+    left = 2.0 ** (-np.arange(7) / HALF_LIFE_DAYS)
+    return float(left.mean() / left[:days].mean())
+
+
 def departures(eta: Matrix, n_observed: Matrix, n_occupied: Matrix) -> Vector:
     """What, added to the logits of every row (n_rows, n_slots), makes the visits of its last days likeliest.
 

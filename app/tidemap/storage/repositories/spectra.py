@@ -1,6 +1,6 @@
 """The repository of revisions and their spectra."""
 
-from dataclasses import asdict, fields
+from dataclasses import fields
 
 from sqlalchemy import Connection, bindparam, delete, func, insert, select, update
 
@@ -63,7 +63,7 @@ class SpectrumRepository:
         if shown.rowcount == 1:
             row = {field.name: getattr(record, field.name) for field in fields(record)}
             row["recipe"] = pack_json(record.recipe.as_dict())
-            row["persistence"] = pack_json(asdict(record.persistence) | {"offset": list(row.pop("offset").items())})
+            row["persistence"] = pack_json(record.persistence.as_dict() | {"offset": list(row.pop("offset").items())})
             row["detector"] = pack_json(record.detector.as_dict()) if record.detector else None
             row["selection"] = pack_json(record.selection) if record.selection else None
             self._connection.execute(insert(revision).values(**row))
