@@ -21,13 +21,13 @@ ifneq ($(shell .venv/bin/python -c '' 2>/dev/null && cat .venv/folder 2>/dev/nul
 .PHONY: $(READY)
 endif
 
-.PHONY: help setup run test check lint bench paper dist clean browser ros
+.PHONY: help setup run test check lint bench paper screenshots dist clean browser ros
 
 help: ## Show this list
 	@echo "Tidemap: every cell of the map remembers its rhythm."
 	@echo
 	@grep -E '^[a-z]+:.*## ' Makefile | sed -E 's/^([a-z]+):[^#]*## /\1\t/' | while IFS="$$(printf '\t')" read -r name what; do \
-	    printf '  make %-8s %s\n' "$$name" "$$what"; done
+	    printf '  make %-11s %s\n' "$$name" "$$what"; done
 
 setup: $(READY) ## Create .venv with everything needed; does nothing when it is up to date
 
@@ -61,7 +61,7 @@ lint: setup
 	@.venv/bin/python -m mypy --no-error-summary
 	@.venv/bin/oxlint --quiet --deny-warnings --ignore-pattern vendor web/tidemap_web/pages/static
 	@DENO_DIR=.venv/deno DENO_NO_UPDATE_CHECK=1 .venv/bin/deno check --quiet --no-remote --no-npm --config web/deno.json \
-	    web/types.d.ts web/tidemap_web/pages/static/*.js
+	    web/types.d.ts $$(find web/tidemap_web/pages/static -name "*.js" -not -path "*/vendor/*")
 	@.venv/bin/lint-imports --no-logo
 
 bench: setup ## Measure every figure against its floor: one JSON line each
@@ -69,6 +69,9 @@ bench: setup ## Measure every figure against its floor: one JSON line each
 
 paper: setup ## Make every figure and table of docs/method.md again, from ../shared/data; some minutes
 	@.venv/bin/python -m docs.paper
+
+screenshots: setup browser ## Make the pictures of docs/viewer.md again, from the demo; some minutes
+	@.venv/bin/python -m docs.make_screenshots
 
 dist: setup ## Build the wheel and the source distribution into dist/ and check both
 	@rm -rf dist

@@ -1,6 +1,7 @@
-"""Makes docs/images/viewer.png of the demo building: `python -m docs.make_screenshots [URL of a running demo]`.
+"""Makes the pictures of docs/viewer.md from the demo building: `make screenshots`, or with the address of a running
+demo `python -m docs.make_screenshots http://…`.
 
-Without a URL it starts a server of its own and fills it, which takes a minute.
+Without an address it starts a server of its own and fills it, which takes a minute.
 """
 
 import sys
@@ -9,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Literal
 
 from playwright.sync_api import Page, ViewportSize
 
@@ -17,9 +19,13 @@ from tests.support.paths import ROOT
 from tests.support.server import ServerProcess
 from tidemap import Client
 
+Scheme = Literal["light", "dark"]
 IMAGES = ROOT / "docs" / "images"
 BUILDING = "building"
 SIZE: ViewportSize = {"width": 1280, "height": 800}
+PHONE: ViewportSize = {"width": 390, "height": 844}
+SIZES = {"desk": SIZE, "phone": PHONE}
+SCHEMES: tuple[Scheme, ...] = ("light", "dark")
 SEEDED_S = 600.0
 DRAWN_S = 60.0
 
@@ -32,9 +38,12 @@ def main(arguments: list[str]) -> int:
         return 1
     IMAGES.mkdir(exist_ok=True)
     with demo(arguments) as url, launch(executable) as browser, driving(browser):
-        context = browser.new_context(viewport=SIZE, color_scheme="light")
-        view(context.new_page(), url)
-        context.close()
+        with browser.new_context(viewport=SIZE, color_scheme="light") as context:
+            view(context.new_page(), url)
+        for size, viewport in SIZES.items():
+            for scheme in SCHEMES:
+                with browser.new_context(viewport=viewport, color_scheme=scheme) as context:
+                    lists(context.new_page(), url, f"{size}-{scheme}")
     return 0
 
 
@@ -51,6 +60,20 @@ def demo(arguments: list[str]) -> Iterator[str]:
             yield server.url
         finally:
             server.stop()
+
+
+def lists(page: Page, url: str, kind: str) -> None:
+    """The pages beside the viewer: all locations, one of them, and all anomalies."""
+    with Client(url) as tidemap:
+        door = next(each.name for each in tidemap.locations() if each.kind == "state")
+    for name, path, drawn_when in (
+        ("overview", "/", "svg.spark"),
+        ("location", f"/locations/{door}", ".week"),
+        ("anomalies", "/anomalies?state=all", "main"),
+    ):
+        page.goto(url + path)
+        page.locator(drawn_when).first.wait_for()
+        (IMAGES / f"{name}-{kind}.png").write_bytes(settled(page))
 
 
 def view(page: Page, url: str) -> None:

@@ -11,6 +11,7 @@ export interface Span {
 export interface Mark {
   start: number;
   stop: number;
+  observed?: number;
   acknowledged?: boolean;
 }
 
@@ -24,8 +25,8 @@ export interface GridMessage {
   shape: number[];
   frame: string;
   resolution_m: number;
+  origin_m: number[];
   span: Span | null;
-  events: Mark[];
 }
 
 /** The facts of the selected cell. */
@@ -34,14 +35,28 @@ export interface CellFacts {
   index: number[];
   position_m: number[];
   probability: number | null;
+  verdict: "free" | "occupied" | "uncertain" | null;
   observed: number | null;
   observed_time: number | null;
+}
+
+/** A message of the stream of events. */
+export interface LiveMessage {
+  kind: "observation" | "anomaly" | "update" | "job" | "location";
+  location: string;
+  id: number;
+  time: string;
+  change?: "created" | "changed" | "deleted";
+  called?: string | null;
 }
 
 /** What is on the screen. */
 export interface FrameMessage {
   time: number;
   live: boolean;
+  drawn: boolean;
+  loading: boolean;
+  confidence: number;
   revision: number;
   estimator: string;
   order: number;
@@ -66,13 +81,17 @@ export interface NoticeMessage {
 export interface Handlers {
   grids(message: { items: { name: string; kind: string }[] }): void;
   location(message: GridMessage): void;
+  events(message: { items: Mark[] }): void;
   frame(message: FrameMessage): void;
+  progress(message: { what: string; done: number | null }): void;
+  camera(message: { pose: number[] | null }): void;
+  picked(message: { cell: number | null }): void;
   refused(message: { detail: string }): void;
   notice(message: NoticeMessage): void;
 }
 
-/** What the page wants to see. */
-export interface ViewRequest {
+/** What the viewer shows: what is chosen, what the server has said of it, and what the page does. */
+export interface ViewState {
   location: string | null;
   time: number | null;
   live: boolean;
@@ -80,11 +99,27 @@ export interface ViewRequest {
   order: number | null;
   floor: number;
   dim: boolean;
+  /** Heights that are shown, in grid steps. */
+  low: number | null;
+  high: number | null;
+  layout: "beside" | "overlay" | "difference";
+  predicted: "probability" | "verdict" | "entropy";
+  observed: "seen" | "age";
+  cell: number | null;
+  /** Position and what it looks at, in metres; null: as the server aims it. */
+  camera: number[] | null;
+  zone: "location" | "mine" | "UTC";
+  reach: "day" | "week" | "all" | null;
+  /** What the timeline was zoomed to. */
+  span: [number, number] | null;
+  grid: GridMessage | null;
+  frame: FrameMessage | null;
+  events: Mark[];
+  playing: boolean;
 }
 
 /** The elements of the pages that are no plain ones, by id. */
 export interface Controls {
-  marks: HTMLCanvasElement;
   time: HTMLInputElement;
   scene: HTMLIFrameElement;
   location: HTMLSelectElement;
@@ -96,6 +131,16 @@ export interface Controls {
   speed: HTMLSelectElement;
   cell: HTMLInputElement;
   play: HTMLButtonElement;
+  low: HTMLInputElement;
+  high: HTMLInputElement;
+  typed: HTMLInputElement;
+  "predicted-layer": HTMLSelectElement;
+  "observed-layer": HTMLSelectElement;
+  "zone-layer": HTMLSelectElement;
+  series: HTMLCanvasElement;
+  "loading-bar": HTMLProgressElement;
+  "settings-form": HTMLFormElement;
+  "new-form": HTMLFormElement;
 }
 
 /** One cell over time. */
@@ -109,7 +154,8 @@ export interface Series {
 /** What a chart shows. */
 export interface ChartState {
   series: Series;
-  events: Mark[];
+  events: (Mark & { probability: number })[];
+  outliers: [number, number][];
   last: number;
   confidence: number;
   step: number;
@@ -120,6 +166,7 @@ export interface Anomaly {
   start: string;
   stop: string;
   cells: number[];
+  probability: number;
 }
 
 /** A component of a spectrum as the API lists it. */
@@ -128,6 +175,29 @@ export interface Component {
   phase: number;
   period_s: number | null;
   gate: string | null;
+}
+
+/** How well a candidate predicted, as the API answers it. */
+export interface Score {
+  estimator: string;
+  order: number;
+  error: number;
+  brier: number;
+  log_loss: number;
+  n: number;
+}
+
+/** Answers to how well a location is predicted. */
+export interface Evaluation {
+  results: Score[];
+  best: { estimator: string; order: number } | null;
+  reliability: { probability: number; observed: number; n: number }[];
+  horizons: {
+    horizon_s: number;
+    conditioned: { log_loss: number | null; error: number | null };
+    rhythm: { log_loss: number | null; error: number | null };
+    persistence: { log_loss: number | null; error: number | null };
+  }[];
 }
 
 /** The model of a cell as the API answers it. */
@@ -142,12 +212,15 @@ export interface Model {
   mean: number | null;
   components: Component[];
   outliers: [number, number][];
-  selection: { reason: string } | null;
+  accuracy: number | null;
+  compression: { samples: number; history_bytes: number; spectrum_bytes: number };
+  selection: { reason: string; scores: Score[] } | null;
 }
 
 /** As much of a chart of uPlot as is used. */
 export interface Plot {
   ctx: CanvasRenderingContext2D;
+  over: HTMLElement;
   bbox: { left: number; top: number; width: number; height: number };
   cursor: { idx?: number | null };
   select: { left: number; width: number };
@@ -159,6 +232,14 @@ export interface Plot {
 }
 
 declare global {
+  const SwaggerUIBundle: {
+    (how: object): void;
+    presets: { apis: object };
+    SwaggerUIStandalonePreset: object;
+  };
   const uPlot: new (options: object, data: unknown[], host: HTMLElement) => Plot;
-  const htmx: { trigger(target: string, event: string): void };
+  const htmx: {
+    ajax(method: string, address: string, how: { target: string; swap: string }): Promise<void>;
+    defineExtension(name: string, extension: object): void;
+  };
 }

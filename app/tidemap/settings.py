@@ -141,7 +141,9 @@ class Settings(BaseSettings):
     )
 
     # Reading and streaming
-    history_cache_bytes: int = Field(256 * 2**20, ge=0, description="Memory for unpacked history.")
+    history_cache_bytes: int = Field(
+        256 * 2**20, ge=0, description="Memory for unpacked history, and as much for what the viewer shows of it."
+    )
     spectrum_cache_bytes: int = Field(512 * 2**20, ge=0, description="Memory for spectra.")
     reading_cache_bytes: int = Field(
         128 * 2**20, ge=0, description="Memory for what was read last of each cell, 17 to 20 bytes a cell."

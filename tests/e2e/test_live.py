@@ -179,7 +179,7 @@ def test_a_listener_that_stays_hears_every_event_once_and_in_order(site: Site) -
     [
         ("?location=nowhere", 404, "nowhere"),
         ("?location=%00", 404, "no location"),
-        ("?kind=gossip", 422, "observation, anomaly, update, job"),
+        ("?kind=gossip", 422, "observation, anomaly, update, job, location"),
         ("?after=x", 422, "after"),
         ("?after=-1", 422, "after"),
         ("?after=" + "9" * 40, 422, "after"),

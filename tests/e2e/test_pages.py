@@ -1,33 +1,24 @@
 """The pages for operators in a real browser on a real server."""
 
+import base64
+import io
+import os
 import re
-from datetime import UTC, datetime, timedelta
+import subprocess
+import sys
+from datetime import UTC, datetime
+from typing import Any, Literal
+from urllib.parse import parse_qs, urlsplit
 
 import httpx
 import pytest
+from PIL import Image
 from playwright.sync_api import Page, expect
 
 from tests.e2e.test_keys import make_key
+from tests.support.pages import barriers, make_door, no_complaints
 from tests.support.server import ServerProcess, StartServer
 from tests.support.viewer import make_grid, post
-
-START = datetime(2026, 3, 2, tzinfo=UTC)
-DAYS = 14
-
-
-def make_door(url: str, name: str) -> None:
-    """A door that is open from 08:00 to 18:00 every day, with a model; then open once at 03:00."""
-    post(url, "/locations", {"name": name, "kind": "state", "interval_s": 600, "time_zone": "Europe/London"})
-    moments = [START + timedelta(minutes=10 * i) for i in range(144 * DAYS)]
-    body = {
-        "time": [moment.timestamp() for moment in moments],
-        "state": [int(8 <= moment.hour < 18) for moment in moments],
-    }
-    post(url, f"/locations/{name}/observations", body)
-    assert post(url, f"/locations/{name}/update?wait=60", {"estimator": "fft", "order": 3})["state"] == "done"
-    at_night = (START + timedelta(days=DAYS, hours=3)).timestamp()
-    answer = post(url, f"/locations/{name}/observations", {"time": [at_night], "state": [1]})
-    assert len(answer["anomalies"]) == 1
 
 
 @pytest.fixture(scope="module")
@@ -38,63 +29,138 @@ def site(shared_server: ServerProcess) -> str:
     return shared_server.url
 
 
-def complaints(page: Page) -> list[str]:
-    """What the browser complains about from now on, such as breaches of the content security policy."""
-    said: list[str] = []
-    page.on("console", lambda message: said.append(message.text) if message.type == "error" else None)
-    page.on("pageerror", lambda error: said.append(str(error)))
-    return said
-
-
 def test_the_first_page_lists_the_locations(site: str, page: Page) -> None:
-    said = complaints(page)
-    page.goto(site)
-    door = page.get_by_role("row", name="office-door")
-    expect(door).to_contain_text("Mon 16 Mar 2026, 03:00:00 GMT")
-    expect(door).to_contain_text("2,017")
-    expect(door.locator("td[data-label='Open anomalies']")).to_have_text("1")
-    expect(page.get_by_role("row", name="lab")).to_contain_text("3D grid · 10 × 6 × 4")
-    page.get_by_role("link", name="office-door").click()
-    expect(page.get_by_role("heading", level=1)).to_contain_text("office-door")
-    assert said == []
+    with no_complaints(page):
+        page.goto(site)
+        door = page.get_by_role("row", name="office-door")
+        expect(door.locator("td[data-label='Now'] small")).to_have_text(re.compile(r"p = [01]\.\d\d"))
+        expect(door.locator("td[data-label='Next change']")).to_have_text(
+            re.compile(r"(free|occupied) about .*\d\d:\d\d")
+        )
+        expect(door.locator("svg.spark path").first).to_have_attribute("d", re.compile("^M0 "))
+        expect(door.locator(".seen")).to_have_class(re.compile("silent"))
+        expect(door.locator("td[data-label='Anomalies']")).to_have_text("1 open")
+        expect(page.get_by_role("row", name="lab")).to_contain_text("3D grid · 10 × 6 × 4")
+        page.get_by_role("link", name="office-door").click()
+        expect(page.get_by_role("heading", level=1)).to_contain_text("office-door")
 
 
 def test_the_list_refreshes_by_itself(server: StartServer, page: Page) -> None:
     process = server()
     page.goto(process.url)
     expect(page.get_by_role("heading", name="No locations yet")).to_be_visible()
+    assert barriers(page) == []
     expect(page.locator("pre").first).to_contain_text(f"curl {process.url}/api/v1/locations")
     post(process.url, "/locations", {"name": "gate", "kind": "state", "interval_s": 60})
     expect(page.get_by_role("link", name="gate")).to_be_visible(timeout=15_000)
 
 
-def test_the_example_for_an_empty_server_works_as_it_is_shown(server: StartServer, page: Page) -> None:
+@pytest.mark.parametrize("keyed", [False, True], ids=["open", "keyed"])
+def test_the_example_for_an_empty_server_works_as_it_is_shown(server: StartServer, page: Page, keyed: bool) -> None:
     process = server()
     page.goto(process.url)
+    key = ""
+    if keyed:
+        key = make_key(("--data", str(process.data)), "admin")["key"]
+        page.goto(process.url)
+        page.get_by_label("Key").fill(key)
+        page.get_by_role("button", name="Sign in").click()
     shown = page.locator("pre").first.inner_text()
-    for path, body in re.findall(r"curl \S+(/api\S+) --json '(.*?)'", shown, re.DOTALL):
-        answer = httpx.post(process.url + path, content=body, headers=_JSON, trust_env=False)
-        assert answer.status_code == 201, answer.text
-
-
-_JSON = {"Content-Type": "application/json"}
+    assert ("Authorization: Bearer" in shown) is keyed
+    done = subprocess.run(
+        ["sh", "-ec", shown], env={**os.environ, "TIDEMAP_KEY": key, "NO_PROXY": "*"}, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert '"accepted":2' in done.stdout.replace(" ", "")
 
 
 def test_a_door_has_a_chart_its_rhythms_and_anomalies(site: str, page: Page) -> None:
-    said = complaints(page)
-    page.goto(f"{site}/locations/office-door")
-    canvas = page.locator("#chart canvas")
-    expect(canvas).to_be_visible()
-    expect(page.locator("#chart-note")).to_contain_text("Europe/London")
-    expect(page.locator("#spectrum")).to_contain_text("24 h")
-    expect(page.locator("#spectrum")).to_contain_text("highest at 12:55")
-    expect(page.locator("#anomalies-table")).to_contain_text("occupied, expected free")
+    with no_complaints(page):
+        page.goto(f"{site}/locations/office-door")
+        expect(page.locator("#chart canvas")).to_be_visible()
+        expect(page.locator("#chart-note")).to_contain_text("Europe/London")
+        expect(page.locator("#spectrum")).to_contain_text("24 h")
+        expect(page.locator("#spectrum")).to_contain_text("highest at 12:55")
+        expect(page.locator("#spectrum svg")).to_contain_text("12 h")
+        expect(page.locator("#spectrum svg")).to_contain_text("7 d")
+        expect(page.locator("#anomalies-table")).to_contain_text("occupied, expected free")
+        expect(page.locator("#facts")).to_contain_text("Measurements")
+        expect(page.locator("#facts")).to_contain_text("in-sample")
+        page.locator("#chart .u-over").hover(position={"x": 400, "y": 100})
+        expect(page.locator(".reading")).to_contain_text(re.compile(r"2026, \d\d:\d\d:\d\d .*p = [01]\.\d+ .*observed"))
+        page.get_by_role("button", name="Day").click()
+        expect(page.get_by_role("button", name="Day")).to_have_attribute("aria-pressed", "true")
 
-    page.locator("#chart .u-over").hover(position={"x": 400, "y": 100})
-    expect(page.locator(".reading")).to_contain_text(re.compile(r"2026, \d\d:\d\d:\d\d .*p = [01]\.\d+ .*observed"))
-    page.get_by_role("button", name="Day").click()
-    expect(page.get_by_role("button", name="Day")).to_have_attribute("aria-pressed", "true")
-    assert said == []
+
+def test_the_hours_of_a_week_are_mapped_as_expected_and_as_observed(site: str, page: Page) -> None:
+    page.goto(f"{site}/locations/office-door")
+    expected, observed = (page.locator(".week").nth(i) for i in range(2))
+    assert "occupied 100 % of the time, " in (observed.locator("td.known").nth(24 + 12).get_attribute("title") or "")
+    assert (observed.locator("td.known").nth(24 + 22).get_attribute("title") or "").startswith(
+        "Tue 22:00: occupied 0 %"
+    )
+    noon = expected.locator("td.known").nth(24 + 12).get_attribute("title") or ""
+    assert noon.startswith("Tue 12:00: occupied ")
+    assert int(noon.split()[3]) > 90
+
+
+def test_the_range_of_the_chart_is_drawn_in_the_strip_of_the_whole_history(site: str, page: Page) -> None:
+    page.goto(f"{site}/locations/office-door?time={(datetime(2026, 3, 5, 12, tzinfo=UTC)).timestamp()}")
+    strip = page.locator("#history .brush .u-over")
+    expect(page.locator("#history .brush .u-select")).to_be_visible()
+    expect(page.get_by_role("button", name="Week")).to_have_attribute("aria-pressed", "false")
+    box = strip.bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 8)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 8, steps=4)
+    with page.expect_request(re.compile("/series")) as asked:
+        page.mouse.up()
+    query = parse_qs(urlsplit(asked.value.url).query)
+    days = (float(query["stop"][0]) - float(query["start"][0])) / 86400
+    assert 3 < days < 5  # a quarter of fifteen days and a half
+
+
+def test_how_well_it_is_predicted_is_shown_when_asked(site: str, page: Page) -> None:
+    page.goto(f"{site}/locations/office-door")
+    page.get_by_role("button", name="Evaluate").click()
+    expect(page.locator("#evaluation")).to_contain_text("Best on later time: ", timeout=60_000)
+    expect(page.locator("#evaluation figure")).to_have_count(3)
+    expect(page.locator("#evaluation tbody tr")).to_have_count(3)
+    expect(page.locator("#model-card")).to_contain_text("which says less")
+
+
+def test_an_update_is_asked_for_and_comes_to_its_end(server: StartServer, page: Page) -> None:
+    process = server()
+    make_door(process.url, "door")
+    page.goto(f"{process.url}/locations/door")
+    page.get_by_role("button", name="Update now").click()
+    expect(page.locator("#work")).to_contain_text("revision 2", timeout=60_000)
+    expect(page.locator("#work")).to_contain_text("without a name")
+    expect(page.locator("#history .legend")).to_contain_text("by revision 2", timeout=60_000)
+    page.get_by_label("Confidence").fill("0.2")
+    page.get_by_role("button", name="Save").click()
+    expect(page.locator("#settings-form output")).to_contain_text("confidence: ")
+    page.get_by_label("Confidence").fill("0.95")
+    page.get_by_role("button", name="Save").click()
+    expect(page.locator("#facts")).to_contain_text("0.95")
+
+
+def test_a_new_location_is_made_and_its_first_post_is_seen(site: str, page: Page) -> None:
+    page.goto(f"{site}/new")
+    page.get_by_label("Name").fill("office-door")
+    page.get_by_role("button", name="Make it").click()
+    expect(page.get_by_role("alert").last).to_contain_text("office-door")
+    page.get_by_label("Name").fill("cellar")
+    page.get_by_role("button", name="Make it").click()
+    expect(page.locator("#arrival")).to_contain_text("Waiting")
+    shown = page.locator("pre:visible").first.inner_text()
+    done = subprocess.run(["sh", "-ec", shown], env={**os.environ, "NO_PROXY": "*"}, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    expect(page.locator("#arrival")).to_have_text("The first post has arrived.")
+    program = page.locator("pre:visible").nth(1).inner_text()
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 def test_the_chart_shows_what_was_predicted_and_observed(site: str, page: Page) -> None:
@@ -121,15 +187,28 @@ _PAINTED = """color => {
 }"""
 
 
-def test_an_operator_acknowledges_an_anomaly(server: StartServer, page: Page) -> None:
+def test_an_operator_acknowledges_one_and_several_with_a_note(server: StartServer, page: Page) -> None:
     process = server()
-    make_door(process.url, "door")
+    for name in ("door", "gate", "hatch"):
+        make_door(process.url, name)
     page.goto(f"{process.url}/locations/door")
-    page.get_by_role("button", name="Acknowledge").click()
+    page.locator("#anomalies-table").get_by_role("button", name="Acknowledge").click()
     expect(page.locator("#anomalies-table")).to_contain_text("anybody")
-    expect(page.get_by_role("button", name="Acknowledge")).to_have_count(0)
+    page.goto(f"{process.url}/anomalies")
+    expect(page.locator("#anomalies-table tbody tr")).to_have_count(2)
+    page.get_by_label("Note").fill("the cleaners")
+    page.get_by_role("button", name="Choose all").click()
+    page.get_by_role("button", name="Acknowledge 2 chosen").click()
+    expect(page.locator("#anomalies-table tbody tr")).to_have_count(0)
+    page.get_by_label("Show").select_option("acknowledged")
+    expect(page.locator("#anomalies-table tbody tr")).to_have_count(3)
+    expect(page.locator("#anomalies-table")).to_contain_text("the cleaners")
+    page.get_by_role("searchbox").fill("gat")
+    expect(page.locator("#anomalies-table tbody tr")).to_have_count(1)
+    page.locator("#anomalies-table th a").click()
+    expect(page).to_have_url(re.compile("/locations/gate\\?time=1773630000"))
     page.goto(process.url)
-    expect(page.locator("td[data-label='Open anomalies']")).to_have_text("none")
+    expect(page.locator("td[data-label='Anomalies']").first).to_have_text("none")
 
 
 def test_a_grid_shows_the_viewer_and_the_chart_of_a_cell(site: str, page: Page) -> None:
@@ -138,12 +217,13 @@ def test_a_grid_shows_the_viewer_and_the_chart_of_a_cell(site: str, page: Page) 
     viewer = page.frame_locator("iframe.viewer")
     expect(viewer.locator("#date")).to_have_text("Mon 9 Mar 2026")
     expect(viewer.locator("#location")).to_be_hidden()
-    page.get_by_label("Cell").fill("121")
+    page.get_by_label("Cell", exact=True).fill("121")
     page.get_by_role("button", name="Show").click()
     expect(page.locator("#chart canvas")).to_be_visible()
     expect(page.locator("#spectrum")).to_contain_text("24 h")
     assert page.url.endswith("?cell=121")
-    page.get_by_label("Cell").fill("50")
+    expect(viewer.locator("#selected-facts")).to_contain_text("[5, 0, 1]")
+    page.get_by_label("Cell", exact=True).fill("50")
     page.get_by_role("button", name="Show").click()
     expect(page.locator("#chart")).to_contain_text("Cell 50 has not been observed")
     expect(page.get_by_role("link", name="Open the viewer alone")).to_have_attribute("href", "/view/?location=lab")
@@ -157,7 +237,9 @@ def test_a_location_that_is_not_there_says_so(site: str, page: Page) -> None:
     expect(page.locator("main")).to_contain_text("'<script>'")
 
 
-@pytest.mark.parametrize("path", ["/", "/locations/office-door", "/locations/lab", "/view/?location=lab"])
+@pytest.mark.parametrize(
+    "path", ["/", "/anomalies", "/new", "/locations/office-door", "/locations/lab", "/view/?location=lab"]
+)
 def test_a_phone_needs_no_sideways_scrolling(site: str, page: Page, path: str) -> None:
     page.set_viewport_size({"width": 360, "height": 740})
     page.goto(site + path)
@@ -173,9 +255,60 @@ def test_pages_carry_strict_headers_and_lasting_assets(site: str) -> None:
     assert page.headers["x-content-type-options"] == "nosniff"
     assert page.headers["cache-control"] == "no-store"
     assert not re.findall(r"(?:src|href)=\"https?://", page.text)
-    for address in re.findall(r'(?:src|href)="(/static/[^"]+)"', page.text):
-        assert "?v=" in address
-        assert httpx.get(site + address, trust_env=False).status_code == 200
+    addresses = re.findall(r'(?:src|href)="(/static/[^"]+)"', page.text)
+    assert len(addresses) > 3
+    for address in addresses:
+        answer = httpx.get(site + address, trust_env=False)
+        assert answer.status_code == 200
+        assert answer.headers["cache-control"] == "public, max-age=31536000, immutable"
+        if not address.endswith(".svg"):
+            assert answer.headers["content-encoding"] == "gzip"
+    before = re.sub(r"/static/\w+/", "/static/another/", addresses[-1])
+    assert httpx.get(site + before, trust_env=False).headers["cache-control"] == "no-cache"
+
+
+def test_an_address_that_is_not_there_answers_people_with_a_page(site: str) -> None:
+    for headers, media_type in (({"Accept": "text/html,*/*"}, "text/html"), ({}, "application/problem+json")):
+        answer = httpx.get(f"{site}/nowhere", headers=headers, trust_env=False)
+        assert (answer.status_code, answer.headers["content-type"].split(";")[0]) == (404, media_type)
+    answer = httpx.get(f"{site}/api/v1/nowhere", headers={"Accept": "text/html"}, trust_env=False)
+    assert answer.headers["content-type"] == "application/problem+json"
+
+
+Scheme = Literal["light", "dark"]
+PATHS = [
+    "/",
+    "/anomalies",
+    "/new",
+    "/locations/office-door",
+    "/locations/lab?cell=121",
+    "/api/docs",
+    "/nowhere",
+    "/login",
+]
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_pages_keep_nobody_out_and_hold_still(site: str, page: Page, path: str, scheme: Scheme) -> None:
+    page.emulate_media(color_scheme=scheme)
+    page.add_init_script(_WATCH_SHIFTS)
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(site + path)
+    page.wait_for_load_state("networkidle" if path == "/api/docs" else "load")
+    page.wait_for_timeout(500)
+    assert barriers(page) == []
+    assert page.evaluate("window.shifted") <= 0.05
+    assert all(address.startswith((site, "data:", "blob:")) for address in asked)
+
+
+_WATCH_SHIFTS = """
+window.shifted = 0;
+new PerformanceObserver((list) => {
+  for (const entry of list.getEntries()) if (!entry.hadRecentInput) window.shifted += entry.value;
+}).observe({ type: "layout-shift", buffered: true });
+"""
 
 
 def test_with_keys_one_signs_in_and_out(server: StartServer, page: Page) -> None:
@@ -211,3 +344,33 @@ def test_a_session_that_ended_leads_to_the_sign_in_page(server: StartServer, pag
     expect(page.get_by_role("heading", name="No locations yet")).to_be_visible()
     make_key(("--data", str(process.data)), "operator")
     expect(page.get_by_role("heading", level=1)).to_have_text("Sign in", timeout=15_000)
+
+
+def test_the_rhythms_bars_are_wide_enough_for_a_phone(site: str, page: Page) -> None:
+    page.set_viewport_size({"width": 360, "height": 740})
+    page.goto(f"{site}/locations/office-door")
+    box = page.locator(".meter").first.bounding_box()
+    assert box is not None
+    assert box["width"] > 200
+
+
+def test_a_scene_is_never_white_while_it_loads(site: str, page: Page) -> None:
+    page.emulate_media(color_scheme="dark")
+    page.goto(f"{site}/nowhere")  # an empty tab is white
+    frames: list[str] = []
+    session = page.context.new_cdp_session(page)
+
+    def keep(frame: dict[str, Any]) -> None:
+        frames.append(frame["data"])
+        session.send("Page.screencastFrameAck", {"sessionId": frame["sessionId"]})
+
+    session.on("Page.screencastFrame", keep)
+    session.send("Page.startScreencast", {"format": "png"})
+    page.goto(f"{site}/view/?location=lab")
+    expect(page.locator("#date")).to_have_text(re.compile("2026"), timeout=60_000)
+    page.frame_locator("#scene").locator("canvas").first.wait_for()
+    page.wait_for_timeout(1000)
+    assert frames
+    for frame in frames:
+        shown = Image.open(io.BytesIO(base64.b64decode(frame))).convert("L").crop((0, 60, 1000, 500))
+        assert sum(shown.histogram()[200:]) < shown.width * shown.height / 20

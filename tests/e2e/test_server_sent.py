@@ -88,7 +88,7 @@ def test_what_happens_before_the_first_message_can_be_resumed(site: Site) -> Non
     ("query", "last_id", "status", "says"),
     [
         ("?location=nowhere", None, 404, "nowhere"),
-        ("?kind=gossip", None, 422, "observation, anomaly, update, job"),
+        ("?kind=gossip", None, 422, "observation, anomaly, update, job, location"),
         ("?after=-1", None, 422, "after"),
         ("", "x", 422, "after"),
         ("", "9" * 40, 422, "after"),

@@ -55,7 +55,7 @@ def calls(folder: Path) -> list[str]:
 def test_help_explains_every_target(folder: Path) -> None:
     shown = make(folder)
     assert shown.returncode == 0
-    for target in ("setup", "run", "test", "check", "bench", "dist", "clean"):
+    for target in ("setup", "run", "test", "check", "bench", "screenshots", "dist", "clean"):
         assert re.search(rf"^  make {target} +\S", shown.stdout, re.MULTILINE), target
 
 

@@ -9,14 +9,14 @@ import orjson
 
 from tidemap.schemas.common import iso
 
-Kind = Literal["observation", "anomaly", "update", "job"]
+Kind = Literal["observation", "anomaly", "update", "job", "location"]
 TIMES = ("start", "stop", "acknowledged_at")
 """What is written as ISO 8601 of the data."""
 
 
 @dataclass(frozen=True)
 class EventMessage:
-    """Something happened at a location. `id` numbers observations, anomalies, revisions or jobs.
+    """Something happened at a location. `id` numbers observations, anomalies, revisions, jobs or locations.
 
     `data` adds to it: plain values, those of TIMES in Unix seconds.
     """

@@ -25,7 +25,7 @@ class WireMessage(BaseModel):
         },
     )
 
-    kind: Literal["observation", "anomaly", "update", "job"]
+    kind: Literal["observation", "anomaly", "update", "job", "location"]
     location: str
-    id: int = Field(description="Of the observation, anomaly, revision or job.")
+    id: int = Field(description="Of the observation, anomaly, revision, job or location.")
     time: TimeOut = Field(description="When it was published.")

@@ -33,7 +33,8 @@ class Anomaly(AnomalyRecord):
 
 @dataclass(frozen=True, slots=True)
 class EventQuery:
-    """Which stored events; None leaves a condition out. Times overlap [start, stop), locations are in `scope`."""
+    """Which stored events; None leaves a condition out. Times overlap [start, stop), locations are in `scope`, and
+    `search` is in their names."""
 
     location: str | None = None
     after: int | None = None
@@ -43,6 +44,7 @@ class EventQuery:
     min_surprise: float | None = None
     acknowledged: bool | None = None
     scope: Scope = EVERYWHERE
+    search: str = ""
 
 
 def list_events(ctx: Context, query: EventQuery) -> list[Anomaly]:
@@ -50,19 +52,40 @@ def list_events(ctx: Context, query: EventQuery) -> list[Anomaly]:
     refuse_reversed(query.start, query.stop)
     with ctx.store.read() as work:
         location = work.locations.get(query.location) if query.location is not None else None
-        wanted = AnomalyFilter(
-            location.id if location else None,
-            query.after,
-            query.limit,
-            query.start,
-            query.stop,
-            query.min_surprise,
-            query.acknowledged,
-            query.scope,
-        )
-        records = work.anomalies.list(wanted)
+        records = work.anomalies.list(_filter(query, location))
         locations = {each.id: each for each in ([location] if location else work.locations.list())}
     return [_known(ctx, locations[record.location_id], record) for record in records]
+
+
+def newest_events(ctx: Context, query: EventQuery, before: int | None = None) -> list[tuple[LocationRecord, Anomaly]]:
+    """Stored events with their locations, newest first, of those with a lower id than `before`.
+
+    Raises LocationNotFoundError, InvalidInputError.
+    """
+    refuse_reversed(query.start, query.stop)
+    with ctx.store.read() as work:
+        location = work.locations.get(query.location) if query.location is not None else None
+        records = work.anomalies.newest(_filter(query, location), before)
+        locations = work.locations.of_ids({record.location_id for record in records})
+    return [
+        (locations[record.location_id], _known(ctx, locations[record.location_id], record))
+        for record in records
+        if record.location_id in locations
+    ]
+
+
+def _filter(query: EventQuery, location: LocationRecord | None) -> AnomalyFilter:
+    return AnomalyFilter(
+        location.id if location else None,
+        query.after,
+        query.limit,
+        query.start,
+        query.stop,
+        query.min_surprise,
+        query.acknowledged,
+        query.scope,
+        query.search,
+    )
 
 
 def get_event(ctx: Context, anomaly_id: int) -> Anomaly:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tidemap.errors import CorruptChunkError
 from tidemap.events.bus import Bus
+from tidemap.history.film import Film
 from tidemap.history.history import History
 from tidemap.services.buffer_pool import BufferPool
 from tidemap.services.caches import ByteCache
@@ -54,6 +55,28 @@ class KeptEvidence:
     damaged: list[int]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """What was last seen of every cell, (n_cells,) each, to be read only: UNOBSERVED and NEVER where there is none."""
+
+    state: NDArray[np.uint8]
+    sample: NDArray[np.int64]
+
+
+@dataclass(slots=True, eq=False)
+class KeptFilm:
+    """A film with all observations through `number`; the latest of them is of `through` (Unix seconds).
+
+    shown: a sample and a number, and what was last seen then.
+    """
+
+    film: Film
+    number: int
+    through: float
+    shown: tuple[int, int, Seen] | None = None
+    lock: Lock = field(default_factory=Lock)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Caches:
     """What one process keeps of the database, each bounded in bytes.
@@ -66,6 +89,7 @@ class Caches:
     tails: ByteCache[Tail]
     evidence: ByteCache[KeptEvidence]
     surfaces: ByteCache[Surface]
+    films: ByteCache[KeptFilm]
     buffers: BufferPool[StateBuffer]
     locations: LocationCache = field(default_factory=LocationCache)
     reading_on: Lock = field(default_factory=Lock)
@@ -81,6 +105,7 @@ class Caches:
             tails=ByteCache(settings.history_cache_bytes // 2, tail_bytes),
             evidence=ByteCache(settings.reading_cache_bytes, lambda kept: kept.evidence.nbytes),
             surfaces=ByteCache(settings.surface_cache_bytes, lambda surface: surface.nbytes),
+            films=ByteCache(settings.history_cache_bytes, lambda kept: kept.film.nbytes),
             buffers=BufferPool(settings.answer_cache_bytes),
         )
 

@@ -1,9 +1,10 @@
 """Making, changing, listing and deleting locations."""
 
 from dataclasses import dataclass, fields
-from typing import TypedDict
+from typing import Literal, TypedDict
 
 from tidemap.errors import InvalidInputError
+from tidemap.events.messages import EventMessage
 from tidemap.scope import EVERYWHERE, Scope
 from tidemap.services.context import Context
 from tidemap.space.grid import GridGeometry
@@ -78,7 +79,8 @@ def create_location(ctx: Context, new: NewLocation) -> LocationSummary:
     values |= {"grid": text_of(new.grid), "pose": text_of(new.pose), "sensor": text_of(new.sensor)}
     values["created_at"] = ctx.clock()
     record = ctx.store.write(lambda work: work.locations.create(values))
-    return _summary(record, None, 0)
+    _publish(ctx, record.name, record.id, "created")
+    return summary(record, None, 0)
 
 
 def change_location(ctx: Context, name: str, changes: LocationChanges) -> LocationSummary:
@@ -90,13 +92,15 @@ def change_location(ctx: Context, name: str, changes: LocationChanges) -> Locati
     if "sensor" in changes:
         values["sensor"] = text_of(changes["sensor"])
 
-    def change(work: Work) -> None:
+    def change(work: Work) -> LocationRecord:
         _refuse_recombining(work.locations.get(name), changes.get("combine"))
         record = work.locations.change(name, values)
         if record.missing == "hold" and record.hold_s is None:
             raise InvalidInputError.at("hold_s", "`missing` = 'hold' needs the seconds a state stands at most")
+        return record
 
-    ctx.store.write(change, lambda _: ctx.caches.locations.forget())
+    changed = ctx.store.write(change, lambda _: ctx.caches.locations.forget())
+    _publish(ctx, name, changed.id, "changed", changed.name)
     return get_location(ctx, changes.get("name", name))
 
 
@@ -119,9 +123,20 @@ def _check_calendar(code: str | None) -> None:
 
 def delete_location(ctx: Context, name: str) -> None:
     """With all that belongs to it. Raises LocationNotFoundError."""
-    ctx.damage.forget(
-        ctx.store.write(lambda work: work.locations.delete(name), lambda _: ctx.caches.locations.forget())
-    )
+    gone = ctx.store.write(lambda work: work.locations.delete(name), lambda _: ctx.caches.locations.forget())
+    ctx.damage.forget(gone)
+    _publish(ctx, name, gone, "deleted")
+
+
+def _publish(
+    ctx: Context,
+    name: str,
+    location_id: int,
+    change: Literal["created", "changed", "deleted"],
+    called: str | None = None,
+) -> None:
+    """Publish what has become of a location; `called` is its name from now on, where it still is."""
+    ctx.bus.publish(EventMessage("location", name, location_id, ctx.clock(), {"change": change, "called": called}))
 
 
 def find_location(ctx: Context, name: str) -> LocationRecord:
@@ -135,7 +150,7 @@ def get_location(ctx: Context, name: str) -> LocationSummary:
     with ctx.store.read() as work:
         record = work.locations.get(name)
         revision = work.spectra.get(record.id, record.revision)
-        return _summary(record, revision, work.locations.open_anomalies().get(record.id, 0))
+        return summary(record, revision, work.locations.open_anomalies().get(record.id, 0))
 
 
 def list_locations(
@@ -145,10 +160,11 @@ def list_locations(
     with ctx.store.read() as work:
         revisions, events = work.spectra.current(), work.locations.open_anomalies()
         records = work.locations.list(after, limit, scope)
-    return [_summary(record, revisions.get(record.id), events.get(record.id, 0)) for record in records]
+    return [summary(record, revisions.get(record.id), events.get(record.id, 0)) for record in records]
 
 
-def _summary(record: LocationRecord, revision: RevisionRecord | None, open_anomalies: int) -> LocationSummary:
+def summary(record: LocationRecord, revision: RevisionRecord | None, open_anomalies: int) -> LocationSummary:
+    """A location with what is known of it."""
     return LocationSummary(
         **{each.name: getattr(record, each.name) for each in fields(record)},
         updated_at=revision.updated_at if revision else None,

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from tidemap.services.context import Context
-from tidemap.storage.repositories.locations import LatestTimes
+from tidemap.storage.repositories.locations import LatestTimes, LocationFilter
 
 MAX_NAMED_LOCATIONS = 100
 """Locations that are named one by one, the oldest ones: each makes series of its own."""
@@ -23,6 +23,6 @@ class Monitored:
 def monitored(ctx: Context) -> Monitored:
     """What is stored now. Raises StorageUnavailableError."""
     with ctx.store.read() as work:
-        locations, latest = work.locations.count(), work.locations.latest(MAX_NAMED_LOCATIONS)
+        locations, latest = work.locations.count(LocationFilter()), work.locations.latest(MAX_NAMED_LOCATIONS)
         waiting = sum(work.observations.waiting().values())
     return Monitored(locations, latest, waiting, ctx.store.size_bytes())

@@ -78,6 +78,12 @@ def fitted(
             # An update took its location, and its chunks away, before they were loaded.
 
 
+def stored(ctx: Context, location: LocationRecord, revision: RevisionRecord) -> Fitted:
+    """The spectrum of a revision as it is stored. Raises CorruptChunkError."""
+    key, load = (location.id, None), partial(_stored, ctx, location, revision)
+    return Fitted(location, ctx.caches.spectra.get(key, revision.revision, load))
+
+
 def held(ctx: Context, location: LocationRecord) -> Spectrum | None:
     """The spectrum of the location's revision where the cache has it: what it costs is one look."""
     loaded = ctx.caches.spectra.held((location.id, None), location.revision)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from tidemap.formats import pcd
 from tidemap.history.combining import ANY, LATEST, MAJORITY
 from tidemap.history.erasing import erase
+from tidemap.history.film import Film
 from tidemap.history.history import History
 from tidemap.history.measurements import Measurements
 from tidemap.history.runs import LatestRuns
@@ -78,6 +79,13 @@ def _compact() -> None:
         pack_segment(erase(stored, stored.time < 1, base)[0])
 
 
+def _film(history: History) -> None:
+    film = Film.blank(history.n_cells, 0, 4)
+    film.lay(0, history)
+    film.put(np.zeros(1, np.uint32), np.zeros(1, np.int64), np.zeros(1, np.uint8))
+    film.at(100)
+
+
 def _fit_and_ask() -> None:
     states = (np.arange(4 * 200).reshape(4, 200) % 7 < 3).astype(np.uint8)
     states[3] = 1
@@ -92,6 +100,7 @@ def _fit_and_ask() -> None:
         reconstruct(add(model, 170, 1))
         history.hold(2)
         history.last_seen(100)
+        _film(history)
         runs = LatestRuns.none(history.n_cells)
         runs.extend(history, 100)
         age = np.ones(history.n_cells, np.uint32)

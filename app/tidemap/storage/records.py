@@ -75,7 +75,7 @@ class LocationRecord:
     judged_to: float | None
 
     @classmethod
-    def of(cls, row: RowMapping) -> "LocationRecord":
+    def of(cls, row: RowMapping | Mapping[str, Any]) -> "LocationRecord":
         """From a row of the table."""
         own = {"grid": grid_of(row["grid"]), "pose": position_of(row["pose"]), "sensor": sensor_of(row["sensor"])}
         return cls(**{**row, **own})

@@ -1,34 +1,50 @@
 """A state as the services answer it, and a source of such states."""
 
-from dataclasses import dataclass, field, fields
+from collections.abc import Hashable
+from dataclasses import fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tests.support.records import location_record
 from tidemap.errors import LocationNotFoundError
+from tidemap.history.history import NEVER, UNOBSERVED
 from tidemap.services.anomalies import Anomaly
+from tidemap.services.context import Loaded, Seen
+from tidemap.services.films import Watch
 from tidemap.services.locations import LocationSummary
+from tidemap.services.map_view import MapQuery, MapView, unmodelled
 from tidemap.space.grid import GridGeometry
-from tidemap_web.viewer.source import Question, UnmodelledState, ViewedState
+from tidemap.spectral.recipe import Recipe
 
 NOW = 1_800_000_000.0
+DOOR = "door"
+"""A location that is no grid."""
+GRID = GridGeometry("map", (1.0, 2.0, 3.0), 0.5, (2, 3, 4))
+PROBABILITY = {0: 1.0, 5: 0.5, 23: 0.02}
+SEEN = {0: (1, NOW), 5: (0, NOW), 23: (1, NOW)}
 
 
-@dataclass(frozen=True, eq=False)
-class FakeState:
-    """Three cells of a [2, 3, 4] grid unless said otherwise."""
-
-    time: float = NOW
-    confidence: float = 0.9
-    estimator: str = "fft"
-    order: int = 2
-    revision: int = 1
-    shape: tuple[int, ...] = (2, 3, 4)
-    cell: NDArray[np.int64] = field(default_factory=lambda: np.array([0, 5, 23]))
-    probability: NDArray[np.float32] = field(default_factory=lambda: np.array([1.0, 0.5, 0.02], np.float32))
-    observed: NDArray[np.uint8] | None = field(default_factory=lambda: np.array([1, 0, 1], np.uint8))
-    observed_time: NDArray[np.float64] | None = field(default_factory=lambda: np.full(3, NOW))
+def map_view(
+    grid: GridGeometry,
+    probability: dict[int, float],
+    seen: dict[int, tuple[int, float]] | None = None,
+    time: float = NOW,
+    confidence: float = 0.9,
+    mean: dict[int, float] | None = None,
+) -> MapView:
+    """A view of some cells of a grid; seen: state and time of each; mean: the probability without any rhythm."""
+    record = location_record(name="lab", kind="grid3d", interval_s=1.0, grid=grid, last_time=NOW)
+    p = np.full(grid.n_cells, np.nan, np.float32)
+    p[list(probability)] = list(probability.values())
+    without = np.where(np.isnan(p), p, np.float32(0.5))
+    without[list(mean or {})] = list((mean or {}).values())
+    blank = unmodelled(record, np.zeros(0, np.int64))
+    revision = replace(blank.revision, revision=1, recipe=Recipe("fft", 2, "UTC"))
+    loaded = Loaded(revision, replace(blank.spectrum, mean=without), {})
+    sighted = Seen(np.full(grid.n_cells, UNOBSERVED, np.uint8), np.full(grid.n_cells, NEVER, np.int64))
+    for cell, (state, at) in (seen or {}).items():
+        sighted.state[cell], sighted.sample[cell] = state, record.base.sample(at)
+    return MapView(record, loaded, time, confidence, p, sighted)
 
 
 def location(name: str, last_time: float | None = NOW, kind: str = "grid3d") -> LocationSummary:
@@ -37,7 +53,7 @@ def location(name: str, last_time: float | None = NOW, kind: str = "grid3d") -> 
         name=name,
         kind=kind,
         time_zone="Europe/London",
-        grid=GridGeometry("map", (1.0, 2.0, 3.0), 0.5, (2, 3, 4)),
+        grid=GRID,
         observation_seq=3,
         measurements=3,
         first_time=None if last_time is None else NOW - 86400,
@@ -53,7 +69,9 @@ class FakeSource:
     def __init__(self, *names: str, without_model: tuple[str, ...] = ()) -> None:
         self.locations = {name: location(name) for name in names}
         self.without_model = without_model
-        self.asked: list[Question] = []
+        self.asked: list[MapQuery] = []
+        self.at_hand = True
+        self._loaded: Loaded | None = None
 
     def now(self) -> float:
         return NOW
@@ -66,16 +84,30 @@ class FakeSource:
             raise LocationNotFoundError(name)
         return self.locations[name]
 
-    def state(self, question: Question) -> ViewedState:
-        self.asked.append(question)
-        confidence = question.confidence or 0.9
-        if question.location in self.without_model:
-            cell, now = np.array([0, 5, 23]), np.full(3, NOW)
-            return UnmodelledState(question.time, confidence, (2, 3, 4), cell, np.array([1, 0, 1], np.uint8), now)
-        return FakeState(time=question.time, confidence=confidence)
+    def is_location(self, name: str) -> bool:
+        return name in self.locations or name == DOOR
+
+    def view(self, query: MapQuery, like: MapView | None) -> MapView:
+        self.asked.append(query)
+        view = map_view(GRID, PROBABILITY, SEEN, query.time, query.confidence or 0.9)
+        if query.location in self.without_model:
+            unknown = np.full(GRID.n_cells, np.nan, np.float32)
+            return replace(view, loaded=unmodelled(view.location, np.array(sorted(SEEN))), probability=unknown)
+        if self._loaded is None:
+            self._loaded = view.loaded
+        view = replace(view, loaded=self._loaded, location=replace(view.location, name=query.location))
+        return view if self.at_hand else replace(view, seen=None)
 
     def first_update(self) -> int:
         return 100
+
+    def window(self, query: MapQuery) -> Hashable:
+        return query.location
+
+    def load(self, query: MapQuery, watch: Watch) -> Seen | None:
+        for share in np.linspace(0, 1, 11):
+            watch(float(share))
+        return map_view(GRID, PROBABILITY, SEEN, query.time).seen
 
     def events(self, name: str, start: float) -> list[Anomaly]:
         return []

@@ -7,16 +7,17 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tidemap.space.grid import GridGeometry
-from tidemap_web.viewer.layout import Layout, arrange, camera_pose, floor_step
+from tidemap_web.viewer.layout import Bounds, Layout, arrange, camera_pose, floor_step
 from tidemap_web.viewer.picking import Ray, first_hit, rotation
 from tidemap_web.viewer.span import DAY_S, span
 
 FOV = 0.7
 
 
-def layout_of(shape: tuple[int, int, int], flat: bool = False) -> Layout:
+def layout_of(shape: tuple[int, int, int], flat: bool = False, titles: tuple[str, ...] = ("one", "other")) -> Layout:
     index = np.array([[0, 0, 0], [n - 1 for n in shape]], dtype=np.int32)
-    return arrange(GridGeometry("map", (3.0, -2.0, 0.5), 0.2, shape), index, flat)
+    grid = GridGeometry("map", (3.0, -2.0, 0.5), 0.2, shape)
+    return arrange(Bounds.of(grid, index), flat, titles)
 
 
 def test_the_observed_grid_stands_aside_without_overlap() -> None:
@@ -25,6 +26,20 @@ def test_the_observed_grid_stands_aside_without_overlap() -> None:
     assert layout.high == pytest.approx([5.0, 2.0, 1.1])
     assert layout.shift[0] > layout.size[0]
     assert layout.grid.centre_at(np.array([[0, 0, 0]], dtype=np.int32))[0] == pytest.approx([3.1, -1.9, 0.6])
+
+
+def test_one_grid_stands_alone() -> None:
+    layout = layout_of((10, 20, 3), titles=("one",))
+    assert not layout.beside
+    assert layout.shift.tolist() == [0, 0, 0]
+
+
+def test_the_edges_of_the_floor_say_metres_of_the_grids_frame() -> None:
+    layout = layout_of((30, 50, 3))  # x from 3 to 9, y from -2 to 8 metres
+    x, y = ([tick for tick in layout.ticks() if tick.name.startswith(axis)] for axis in "xy")
+    assert [(tick.text, tick.at[0]) for tick in x] == [("4", 4.0), ("6", 6.0), ("x 8 m", 8.0)]
+    assert [tick.text for tick in y] == ["-2", "0", "2", "4", "6", "y 8 m"]
+    assert all(tick.at[0] < layout.low[0] for tick in y)
 
 
 @given(st.tuples(*[st.integers(1, 60)] * 3), st.floats(0.4, 3.0), st.booleans())

@@ -25,7 +25,7 @@ def scripts(tmp_path: Path) -> Path:
 
 def check(folder: Path) -> subprocess.CompletedProcess[str]:
     deno = Path(sys.executable).with_name("deno")
-    files = [folder / "types.d.ts", *sorted((folder / STATIC).glob("*.js"))]
+    files = [folder / "types.d.ts", *sorted((folder / STATIC).rglob("*.js"))]
     command: list[str | Path] = [
         deno,
         "check",
@@ -54,7 +54,7 @@ def test_their_types_are_right(scripts: Path) -> None:
     ],
 )
 def test_a_wrong_type_is_noticed(scripts: Path, line: str, says: str) -> None:
-    with (scripts / STATIC / "words.js").open("a") as script:
+    with (scripts / STATIC / "core" / "words.js").open("a") as script:
         script.write(line)
     done = check(scripts)
     assert done.returncode == 1

@@ -2,12 +2,13 @@
 
 import asyncio
 import threading
+from functools import reduce
 
 from tests.support.waiting import WAIT_S
 from tidemap.events.bus import Bus
 from tidemap.events.messages import EventMessage
 from tidemap_web.viewer.inner import InnerViser
-from tidemap_web.viewer.news import News
+from tidemap_web.viewer.news import Fresh, News, together
 from tidemap_web.viewer.sockets import SendQueue
 
 
@@ -16,21 +17,22 @@ def test_nobody_can_open_a_tunnel_to_a_public_server() -> None:
 
 
 def test_news_are_reported_together() -> None:
-    reported: list[set[str]] = []
+    reported: list[Fresh] = []
     enough = threading.Event()
 
-    def report(names: set[str]) -> None:
-        reported.append(names)
-        if "last" in names:
+    def report(fresh: Fresh) -> None:
+        reported.append(fresh)
+        if "last" in fresh:
             enough.set()
 
     bus, news = Bus(), News(report)
     news.start(bus)
     for number in range(200):
         bus.publish(EventMessage("observation", "lab", number, 0.0))
+    bus.publish(EventMessage("anomaly", "lab", 1, 0.0))
     bus.publish(EventMessage("update", "last", 1, 0.0))
     assert enough.wait(WAIT_S)
-    assert set().union(*reported) == {"lab", "last"}
+    assert reduce(together, reported) == {"lab": {"observation", "anomaly"}, "last": {"update"}}
     assert len(reported) <= 3
     news.stop()
 

@@ -10,10 +10,12 @@ import pytest
 import viser
 
 from tests.support.waiting import WAIT_S
-from tests.unit.web.states import NOW, FakeSource, location
+from tests.unit.web.states import DOOR, NOW, FakeSource, location
 from tidemap_web.viewer.messages import Aim, Select, ViewRequest, parse
 from tidemap_web.viewer.scene import Scene
 from tidemap_web.viewer.session import Session
+
+SEEN_THERE = {name: {name: frozenset({"observation"})} for name in ("lab", "yard")}
 
 
 class Page:
@@ -58,15 +60,24 @@ class FakeScene(Scene):
         self.drawn.append("clear")
         self.layout = None
 
-    def build(self, layout: Any, extent: int) -> None:
+    def build(self, layout: Any) -> None:
         self.drawn.append("build")
         self.layout = layout
 
     def aim(self, from_above: bool) -> None:
         self.drawn.append("above" if from_above else "slanted")
 
-    def show(self, picture: Any) -> None:
+    def put_camera(self, pose: Any) -> None:
+        self.drawn.append(f"at {pose}")
+
+    def show(self, board: Any, picture: Any) -> None:
         self.drawn.append("show")
+
+    def show_all(self, board: Any) -> None:
+        self.drawn.append("show all")
+
+    def outline(self, boxes: Any) -> None:
+        self.drawn.append("outline")
 
     def select(self, index: Any) -> None:
         self.drawn.append("select" if index is not None else "-")
@@ -146,8 +157,8 @@ def test_live_moves_with_new_observations_and_others_do_not_disturb(page: Page) 
         session.ask(ViewRequest(location="lab", live=True))
         page.last("frame")
         source.locations["lab"] = location("lab", NOW + 60)
-        session.notify({"yard"})
-        session.notify({"lab"})
+        session.notify(SEEN_THERE["yard"])
+        session.notify(SEEN_THERE["lab"])
         page.last("frame", lambda frame: frame["time"] == NOW + 60)
         assert page.last("location")["span"]["last"] == NOW + 60
 
@@ -158,7 +169,7 @@ def test_a_new_location_appears_in_the_list(page: Page) -> None:
         session.ask(ViewRequest())
         page.last("frame")
         source.locations["yard"] = location("yard")
-        session.notify({"yard"})
+        session.notify(SEEN_THERE["yard"])
         page.last("grids", lambda grids: len(grids["items"]) == 2)
 
 
@@ -189,7 +200,7 @@ def test_it_recovers_from_what_is_missing(page: Page) -> None:
         session.ask(ViewRequest(location="lab"))
         page.last("notice", lambda notice: notice["reason"] == "no-observations")
         source.locations["lab"] = location("lab")
-        session.notify({"lab"})
+        session.notify(SEEN_THERE["lab"])
         page.last("frame")
 
 
@@ -216,6 +227,38 @@ def test_a_browser_that_sleeps_does_not_hold_up_the_page(page: Page) -> None:
         session.ask(ViewRequest(time=NOW - 2))
         page.last("frame", lambda frame: frame["time"] == NOW - 2)
         assert scene.drawn.count("build") == 1
+
+
+def test_what_was_last_seen_is_loaded_while_the_prediction_is_shown(page: Page) -> None:
+    source = FakeSource("lab")
+    source.at_hand = False
+    with running(source, page) as session:
+        session.attach(FakeScene())
+        session.ask(ViewRequest(time=NOW))
+        page.last("frame", lambda frame: frame["predicted"] == 2 and frame["observed"] == 0)
+        assert page.last("progress", lambda progress: progress["done"] == 0.5)["what"] == "what was last seen"
+        page.last("progress", lambda progress: progress["done"] is None)
+        page.last("frame", lambda frame: frame["observed"] == 2)
+
+
+def test_a_grid_that_is_deleted_while_it_is_shown_is_said_to_be(page: Page) -> None:
+    source = FakeSource("lab", "yard")
+    with running(source, page) as session:
+        session.ask(ViewRequest(location="lab"))
+        page.last("frame")
+        del source.locations["lab"]
+        session.notify({"lab": frozenset({"location"})})
+        assert page.last("notice")["reason"] == "deleted"
+        page.last("grids", lambda grids: [item["name"] for item in grids["items"]] == ["yard"])
+        page.told.clear()
+        session.notify({"yard": frozenset({"location"})})
+        assert page.last("notice")["reason"] == "deleted"
+
+
+def test_a_location_that_is_no_grid_is_said_to_be_none(page: Page) -> None:
+    with running(FakeSource("lab"), page) as session:
+        session.ask(ViewRequest(location=DOOR))
+        assert page.last("notice")["reason"] == "no-grid"
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 import pytest
 
 from tidemap_web.pages import guard, words
-from tidemap_web.pages.templates import asset
+from tidemap_web.pages.assets import asset
 
 
 @pytest.mark.parametrize(
@@ -44,6 +44,7 @@ def test_nobody_is_sent_elsewhere_after_signing_in(address: str) -> None:
     assert guard.local(address) == "/"
 
 
-def test_an_asset_carries_the_version_of_its_content() -> None:
-    assert asset("tidemap.css").startswith("/static/tidemap.css?v=")
-    assert asset("tidemap.css").split("=")[1] != asset("viewer.css").split("=")[1]
+def test_scripts_that_import_one_another_carry_one_version() -> None:
+    assert asset("location.js") == asset("core/words.js").replace("core/words.js", "location.js")
+    with pytest.raises(KeyError):
+        asset("no-such.js")

@@ -14,7 +14,9 @@ from tidemap.errors import DomainError, ForbiddenError, OutOfScopeError, Unautho
 from tidemap.services.context import Context
 from tidemap.services.keys import OPEN, SESSION_S, Principal, allows, by_secret, end_session, start_session
 
-_PAGE = re.compile(r"/(\?[^\\#]*)?|/locations/[^/\\?#]+(\?[^\\#]*)?|/view/?(\?[^\\#]*)?|/api/docs")
+_PAGE = re.compile(
+    r"/(\?[^\\#]*)?|/anomalies(\?[^\\#]*)?|/new|/locations/[^/\\?#]+(\?[^\\#]*)?|/view/?(\?[^\\#]*)?|/api/docs"
+)
 NO_STORE = {"Cache-Control": "no-store"}
 
 
@@ -38,7 +40,7 @@ def signed_in(request: Request) -> Principal | None:
 
 def header(ctx: Context, request: Request) -> dict[str, Any]:
     """What the header of every page shows."""
-    return {"signed_in": signed_in(request), "has_viewer": ctx.settings.viewer}
+    return {"signed_in": signed_in(request), "has_viewer": ctx.settings.viewer, "now": ctx.clock()}
 
 
 def refuse(request: Request) -> Response | None:

@@ -8,15 +8,22 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse
 
 from tidemap.errors import DomainError, UnauthorizedError
-from tidemap.services import anomalies, locations
+from tidemap.scope import Scope
+from tidemap.services import locations
+from tidemap.services.anomalies import Anomaly, EventQuery, newest_events
 from tidemap.services.context import Context
-from tidemap_web.pages import guard
+from tidemap.services.jobs import list_jobs
+from tidemap.services.keys import OPEN
+from tidemap.services.overview import overview, silent_at
+from tidemap.services.posters import posters
+from tidemap.storage.records import LocationRecord
+from tidemap_web.pages import guard, words
+from tidemap_web.pages.listing import PAGE, AnomalyList, LocationList
 from tidemap_web.pages.problems import Refusal, problem_page, refusal_of
 from tidemap_web.pages.sign_in import sign_in_form
 from tidemap_web.pages.templates import page
 
-RECENT_S = 90 * 86400.0
-EVENTS = 50
+JOBS = 5
 Facts = dict[str, Any]
 
 
@@ -34,20 +41,50 @@ def router(ctx: Context) -> APIRouter:
         """The table of locations alone, to refresh it."""
         return _guarded(ctx, request, "locations_table.html", lambda: _locations(ctx, request))
 
+    @routes.get("/anomalies", response_model=None)
+    def anomalies(request: Request) -> Response:
+        """The anomalies of all locations."""
+        return _guarded(ctx, request, "anomalies.html", lambda: _anomalies(ctx, request))
+
+    @routes.get("/fragments/anomalies", response_model=None)
+    def all_anomalies_fragment(request: Request) -> Response:
+        """Their table alone, to refresh it."""
+        return _guarded(ctx, request, "anomalies_table.html", lambda: _anomalies(ctx, request))
+
     @routes.get("/locations/{name}", response_model=None)
     def location(request: Request, name: str) -> Response:
         """One location."""
-        return _guarded(ctx, request, "location.html", lambda: {**_location(ctx, name), **_events(ctx, name)})
+        return _guarded(
+            ctx,
+            request,
+            "location.html",
+            lambda: {**_work(ctx, name), **_location(ctx, name), **_events(ctx, name)},
+        )
 
     @routes.get("/fragments/locations/{name}", response_model=None)
     def facts_fragment(request: Request, name: str) -> Response:
         """A location's facts alone, to refresh them."""
         return _guarded(ctx, request, "location_facts.html", lambda: _location(ctx, name))
 
+    @routes.get("/fragments/locations/{name}/work", response_model=None)
+    def work_fragment(request: Request, name: str) -> Response:
+        """A location's jobs and robots alone, to refresh them."""
+        return _guarded(ctx, request, "location_work.html", lambda: _work(ctx, name))
+
+    @routes.get("/new", response_model=None)
+    def new_location(request: Request) -> Response:
+        """The form of a new location, and what to post to it with."""
+        return _guarded(ctx, request, "new.html", lambda: _origin(request))
+
     @routes.get("/fragments/locations/{name}/anomalies", response_model=None)
     def anomalies_fragment(request: Request, name: str) -> Response:
         """A location's anomalies alone, to refresh them."""
-        return _guarded(ctx, request, "anomalies_table.html", lambda: _events(ctx, name))
+        return _guarded(
+            ctx,
+            request,
+            "anomalies_table.html",
+            lambda: {"location": locations.find_location(ctx, name), **_events(ctx, name)},
+        )
 
     _add_session(ctx, routes)
     return routes
@@ -107,26 +144,46 @@ def _guarded(ctx: Context, request: Request, template: str, facts: Callable[[], 
 
 
 def _locations(ctx: Context, request: Request) -> Facts:
+    wanted = LocationList.of(request.query_params)
+    found = overview(ctx, wanted.filter, wanted.offset, PAGE)
     return {
-        "locations": locations.list_locations(ctx),
-        "now": ctx.clock(),
-        "origin": str(request.base_url).rstrip("/"),
+        "wanted": wanted,
+        "rows": found.rows,
+        "total": found.total,
+        "pages": -(-found.total // PAGE),
+        **_origin(request),
     }
+
+
+def _origin(request: Request) -> Facts:
+    """What examples need: the server's address, and whether it wants a key."""
+    return {"origin": str(request.base_url).rstrip("/"), "keyed": guard.principal(request) != OPEN}
+
+
+def _anomalies(ctx: Context, request: Request) -> Facts:
+    wanted = AnomalyList.of(request.query_params)
+    start = ctx.clock() - wanted.days * words.DAY_S if wanted.days else None
+    query = EventQuery(
+        limit=PAGE + 1, start=start, min_surprise=wanted.surprise, acknowledged=wanted.acknowledged, search=wanted.q
+    )
+    return {"wanted": wanted, **_listed(newest_events(ctx, query, wanted.before))}
+
+
+def _listed(found: list[tuple[LocationRecord, Anomaly]]) -> Facts:
+    return {"events": found[:PAGE], "more": len(found) > PAGE}
 
 
 def _location(ctx: Context, name: str) -> Facts:
     location = locations.get_location(ctx, name)
-    return {"location": location, "now": ctx.clock(), "cells": location.n_cells}
+    return {"location": location, "cells": location.n_cells, "silent_at": silent_at(location)}
+
+
+def _work(ctx: Context, name: str) -> Facts:
+    found = locations.find_location(ctx, name)
+    jobs = list_jobs(ctx, None, JOBS, Scope((name,)))
+    return {"location": found, "jobs": jobs, "posters": posters(ctx, name)}
 
 
 def _events(ctx: Context, name: str) -> Facts:
     """The newest events, newest first."""
-    location = locations.get_location(ctx, name)
-    since = (location.last_time or 0.0) - RECENT_S
-    found = anomalies.list_events(ctx, anomalies.EventQuery(location=name, start=since, limit=None))
-    return {
-        "location": location,
-        "now": ctx.clock(),
-        "events": found[: -EVENTS - 1 : -1],
-        "more": len(found) > EVENTS,
-    }
+    return _listed(newest_events(ctx, EventQuery(location=name, limit=PAGE + 1)))

@@ -1,7 +1,6 @@
-"""Jinja2 pages: every answer carries our strict headers, every asset a version that changes with its content."""
+"""Jinja2 pages: every answer carries our strict headers."""
 
 from functools import cache
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -10,20 +9,14 @@ from fastapi import Request
 from fastapi.responses import HTMLResponse
 
 import tidemap
-from tidemap_web.pages import words
+from tidemap_web.pages import spark, words
+from tidemap_web.pages.assets import asset
 
 FOLDER = Path(__file__).parent
-STATIC = FOLDER / "static"
 CSP = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
     "frame-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'self'"
 )
-
-
-@cache
-def asset(path: str) -> str:
-    """The address of a static file, with a query that changes when the file does."""
-    return f"/static/{path}?v={sha256((STATIC / path).read_bytes()).hexdigest()[:10]}"
 
 
 @cache
@@ -35,7 +28,7 @@ def _environment() -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.globals.update(asset=asset, words=words, version=tidemap.__version__)
+    environment.globals.update(asset=asset, spark=spark.path, words=words, version=tidemap.__version__)
     return environment
 
 

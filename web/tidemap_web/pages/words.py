@@ -1,7 +1,7 @@
 """Numbers, times and periods in the words of people who run robots."""
 
 from collections.abc import Sequence
-from datetime import datetime
+from datetime import UTC, datetime
 from zoneinfo import ZoneInfo
 
 MINUTE_S, HOUR_S, DAY_S, WEEK_S = 60.0, 3600.0, 86400.0, 604800.0
@@ -12,6 +12,9 @@ _STEPS = (
     (60 * DAY_S, DAY_S, "days"),
     (float("inf"), 30.44 * DAY_S, "months"),
 )
+VERDICTS = ("free", "occupied", "uncertain")
+"""What verdicts mean, by their codes."""
+ABOUT_S = 5 * MINUTE_S
 KINDS = {"state": "state", "grid2d": "2D grid", "grid3d": "3D grid"}
 
 
@@ -37,6 +40,26 @@ def local_time(time_s: float, zone: str) -> str:
     """
     moment = datetime.fromtimestamp(time_s, ZoneInfo(zone))
     return f"{moment:%a} {moment.day} {moment:%b %Y, %H:%M:%S %Z}"
+
+
+def iso(time_s: float) -> str:
+    """A moment as ISO 8601 in UTC.
+
+    >>> iso(1772528400)
+    '2026-03-03T09:00:00Z'
+    """
+    return f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%dT%H:%M:%SZ}"
+
+
+def about(time_s: float, now_s: float, zone: str) -> str:
+    """A time to come on a clock in that time zone, to five minutes, with the weekday where it is not today.
+
+    >>> about(1772525460, 1772500000, "Europe/London"), about(1772525460, 1772480000, "Europe/London")
+    ('08:10', 'Tue 08:10')
+    """
+    moment = datetime.fromtimestamp(round(time_s / ABOUT_S) * ABOUT_S, ZoneInfo(zone))
+    today = datetime.fromtimestamp(now_s, ZoneInfo(zone)).date()
+    return f"{moment:%H:%M}" if moment.date() == today else f"{moment:%a %H:%M}"
 
 
 def duration(seconds: float) -> str:

@@ -1,6 +1,7 @@
-"""Where things stand in the scene: metres of the grid's frame, the observed grid moved aside along x."""
+"""Where things stand in the scene: metres of the grid's frame, the right grid moved aside along x."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,12 +12,21 @@ from tidemap.space.grid import GridGeometry
 Vector = NDArray[np.float64]
 
 
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """A number on an edge of the floor, at (x, y) in metres."""
+
+    name: str
+    text: str
+    at: tuple[float, float]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Layout:
-    """One grid drawn twice.
+    """One grid drawn twice, `beside` each other, or once.
 
-    In metres, (3,) each: `low` and `high`, the bounds of the observed cells; `shift`, added to draw the observed grid.
-    `flat` says that it is a floor plan and no volume.
+    In metres, (3,) each: `low` and `high`, the bounds of the observed cells; `shift`, added to draw the right grid.
+    `flat` says that it is a floor plan and no volume; `titles` are those of the left grid and of the right one.
     """
 
     grid: GridGeometry
@@ -24,6 +34,12 @@ class Layout:
     high: Vector
     shift: Vector
     flat: bool
+    titles: tuple[str, ...]
+
+    @property
+    def beside(self) -> bool:
+        """Whether there are two grids."""
+        return len(self.titles) > 1
 
     @property
     def size(self) -> Vector:
@@ -32,7 +48,7 @@ class Layout:
 
     def same_as(self, other: "Layout | None") -> bool:
         """Whether another layout puts everything at the same places."""
-        if other is None or self.grid != other.grid:
+        if other is None or self.grid != other.grid or self.titles != other.titles:
             return False
         return np.array_equal(self.low, other.low) and np.array_equal(self.high, other.high)
 
@@ -41,13 +57,45 @@ class Layout:
         """Distance between the lines on the floor."""
         return floor_step(float(max(self.size[:2])))
 
+    @property
+    def margin_m(self) -> float:
+        """How far from the floor its numbers stand."""
+        return 0.35 * self.lines_m
 
-def arrange(grid: GridGeometry, index: NDArray[np.int32], flat: bool) -> Layout:
-    """Place both grids around the cells `index` (n, 3) that have been observed, a tenth (two cells) apart."""
-    low, high = np.array(grid.box_at(index)).reshape(2, 3)
-    gap = max(2.0 * grid.resolution_m, 0.12 * float(max(high[:2] - low[:2])))
-    shift = np.array([float(high[0] - low[0]) + gap, 0.0, 0.0])
-    return Layout(grid, low, high, shift, flat)
+    def ticks(self) -> Iterator[Tick]:
+        """Every other line of the floor in metres of the grid's frame, along its front and its left edge."""
+        step = 2 * self.lines_m
+        margin = self.margin_m
+        for axis, name in enumerate("xy"):
+            first, last = math.ceil(self.low[axis] / step - 1e-9), math.floor(self.high[axis] / step + 1e-9)
+            for number in range(first, last + 1):
+                along = number * step
+                at = (along, self.low[1] - margin) if axis == 0 else (self.low[0] - margin, along)
+                text = f"{name} {along:g} m" if number == last else f"{along:g}"
+                yield Tick(f"{name}{number}", text, (float(at[0]), float(at[1])))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bounds:
+    """The box around the observed cells of a grid, `low` and `high` (3,) in metres."""
+
+    grid: GridGeometry
+    low: Vector
+    high: Vector
+
+    @classmethod
+    def of(cls, grid: GridGeometry, index: NDArray[np.int32]) -> "Bounds":
+        """Around cells `index` (n, 3)."""
+        low, high = np.array(grid.box_at(index)).reshape(2, 3)
+        return cls(grid, low, high)
+
+
+def arrange(around: Bounds, flat: bool, titles: tuple[str, ...]) -> Layout:
+    """Place a grid for each title, the second a tenth (two cells) aside."""
+    low, high = around.low, around.high
+    gap = max(2.0 * around.grid.resolution_m, 0.12 * float(max(high[:2] - low[:2])))
+    aside = float(high[0] - low[0]) + gap if len(titles) > 1 else 0.0
+    return Layout(around.grid, low, high, np.array([aside, 0.0, 0.0]), flat, titles)
 
 
 def floor_step(extent_m: float) -> float:
@@ -70,7 +118,7 @@ class Camera:
 
 
 def camera_pose(layout: Layout, aspect: float, fov: float, from_above: bool) -> Camera:
-    """The nearest camera that sees both grids; `fov` is vertical, in radians.
+    """The nearest camera that sees all grids and the numbers on their edges; `fov` is vertical, in radians.
 
     The camera stands south of the grids and above, so x points right and the predicted grid is on the left.
     """
@@ -89,6 +137,7 @@ def camera_pose(layout: Layout, aspect: float, fov: float, from_above: bool) -> 
 
 
 def _corners(layout: Layout) -> Vector:
-    low, high = layout.low, layout.high + layout.shift
+    numbers = 2 * layout.margin_m * np.array([1.0, 1.0, 0.0])
+    low, high = layout.low - numbers, layout.high + layout.shift
     grid = np.meshgrid(*([low[i], high[i]] for i in range(3)), indexing="ij")
     return np.stack([axis.ravel() for axis in grid], axis=1)

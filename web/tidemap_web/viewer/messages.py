@@ -6,16 +6,21 @@ from pydantic import Field, TypeAdapter
 
 from tidemap.schemas.common import Form, TimeIn
 from tidemap.schemas.locations import Confidence
+from tidemap_web.viewer.layers import LayoutName, ObservedName, PredictedName
 
+MAX_STEPS = 65535
+"""No grid is higher in steps."""
+MAX_METRES = 1e7
 PageMessage = dict[str, Any]
-"""Session to page: `kind`: grids, location, frame, notice, selected; the newest of a kind replaces an unsent one."""
+"""Session to page, by `kind`; the newest of a kind replaces an unsent one. See `viewer.report`."""
 
 
 class ViewRequest(Form):
     """What the page wants to see; a new one replaces the one before.
 
     Without `time`, or with `live`, the time of the newest observation; without `confidence`, the location's.
-    `floor` hides what is less likely; `dim` takes the colour from what is always occupied.
+    `floor` hides what is less likely; `dim` takes the colour from what is always occupied; `low` and `high` are the
+    lowest and highest height that is shown, in grid steps. See `viewer.layers` for the rest.
     """
 
     kind: Literal["view"] = "view"
@@ -26,13 +31,21 @@ class ViewRequest(Form):
     order: int | None = Field(None, ge=0, le=64)
     floor: float = Field(0.1, ge=0, le=1)
     dim: bool = True
+    low: int | None = Field(None, ge=0, le=MAX_STEPS)
+    high: int | None = Field(None, ge=0, le=MAX_STEPS)
+    layout: LayoutName = "beside"
+    predicted: PredictedName = "probability"
+    observed: ObservedName = "seen"
 
 
 class Aim(Form):
-    """Turn the camera to a standard view."""
+    """Turn the camera to a standard view, or to a `pose`: where it is and what it looks at, in metres."""
 
     kind: Literal["aim"]
-    view: Literal["slanted", "above"]
+    view: Literal["slanted", "above", "pose"]
+    pose: Annotated[list[Annotated[float, Field(ge=-MAX_METRES, le=MAX_METRES)]], Field(min_length=6, max_length=6)] = (
+        Field(default=[0.0, -1.0, 1.0, 0.0, 0.0, 0.0])
+    )
 
 
 class Select(Form):

@@ -2,18 +2,20 @@
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from tidemap.events.bus import Bus
 from tidemap.events.subscription import EventFilter, Subscription
 
 _QUIET_S = 0.3
+Fresh = Mapping[str, frozenset[str]]
+"""By location: the kinds of its messages."""
 
 
 class News:
     """Follows the bus and reports which locations have something new, at most a few times a second."""
 
-    def __init__(self, report: Callable[[set[str]], None]) -> None:
+    def __init__(self, report: Callable[[Fresh], None]) -> None:
         self._report = report
         self._woken = threading.Event()
         self._stopped = False
@@ -32,6 +34,18 @@ class News:
         with subscription:
             while self._woken.wait() and not self._stopped:
                 self._woken.clear()
-                if names := {message.location for message in iter(subscription.take, None)}:
-                    self._report(names)
+                fresh: dict[str, frozenset[str]] = {}
+                for message in iter(subscription.take, None):
+                    fresh = together(fresh, {message.location: frozenset({message.kind})})
+                if fresh:
+                    self._report(fresh)
                     time.sleep(_QUIET_S)
+
+
+def together(one: Fresh, other: Fresh) -> dict[str, frozenset[str]]:
+    """The kinds of both, by location.
+
+    >>> together({"lab": frozenset({"job"})}, {"lab": frozenset({"update"})}) == {"lab": {"job", "update"}}
+    True
+    """
+    return {name: one.get(name, frozenset()) | other.get(name, frozenset()) for name in (*one, *other)}

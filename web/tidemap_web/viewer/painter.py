@@ -2,144 +2,210 @@
 
 import logging
 from collections.abc import Callable
+from dataclasses import dataclass
+from time import monotonic
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tidemap.services.anomalies import Anomaly
+from tidemap.services.context import Seen
 from tidemap.services.locations import LocationSummary
+from tidemap.services.map_view import MapQuery, MapView
 from tidemap.space.grid import Extent, GridGeometry
 from tidemap_web.viewer import report
-from tidemap_web.viewer.cells import Cloud, Ground, Taste, picture
+from tidemap_web.viewer.board import Board, Taste
+from tidemap_web.viewer.events import boxes
 from tidemap_web.viewer.layout import Layout, arrange
 from tidemap_web.viewer.messages import Aim, PageMessage, Select, ViewRequest
+from tidemap_web.viewer.news import Fresh
 from tidemap_web.viewer.painted import PaintedView
 from tidemap_web.viewer.picking import Ray, first_hit
 from tidemap_web.viewer.scene import CELL_HALF, Scene
-from tidemap_web.viewer.source import Question, Source, ViewedState
+from tidemap_web.viewer.source import Source
 
 _log = logging.getLogger(__name__)
-ACKNOWLEDGE_S = 15.0
-FRESH_S = 3600.0
-Key = tuple[str, float, int, int]
-"""Identifies the cells of a location at a revision: its name, when it was made, revision, number of cells."""
+ACKNOWLEDGE_S: Final = 15.0
+FRESH_S: Final = 3600.0
+BELIEVED_S: Final = 2.0
+"""How long a location is taken to be as it was; what this process changes is noticed at once."""
+TITLES: Final = {
+    "beside": ("Predicted", "Observed"),
+    "overlay": ("Predicted, with what was seen otherwise",),
+    "difference": ("Observed less predicted",),
+}
+ALL_KINDS: Final = frozenset({"observation", "anomaly", "update", "location"})
+"""News that change what a tab shows."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Loaded:
+    """What was last seen when a question was asked, for maps whose film is too large to be kept."""
+
+    location: str
+    time: float
+    seen: Seen | None
 
 
 class Painter:
-    """Keeps what is on the screen, so that only differences are sent."""
+    """Keeps what is on the screen, so that only differences are sent.
 
-    def __init__(self, source: Source, publish: Callable[[PageMessage], None]) -> None:
+    `want` is asked to load what was last seen where a view has it not at hand; None: nothing any more.
+    """
+
+    def __init__(
+        self, source: Source, publish: Callable[[PageMessage], None], want: Callable[[MapQuery | None], None]
+    ) -> None:
         self.shown: PaintedView | None = None
         self.updates = 0
         self._source = source
         self._publish = publish
+        self._want = want
         self._scene: Scene | None = None
+        self._drawn: Board | None = None
         self._built: str | None = None
         self._aim: Aim | None = None
         self._selected: int | None = None
         self._location: str | None = None
         self._known: set[str] = set()
-        self._laid: tuple[Key, Ground, Layout] | None = None
-        self._means: tuple[Key, NDArray[np.float32]] | None = None
+        self._board: Board | None = None
+        self._layout: Layout | None = None
+        self._events: list[Anomaly] = []
+        self._loaded: _Loaded | None = None
+        self._asked_at = 0.0
+        self._order: int | None = None
 
     def prepare(self, scene: Scene | None, aim: Aim | None, select: Select | None) -> None:
         """Take what came with the request; None changes nothing."""
         if scene is not None:
-            self._scene, self._built = scene, None
+            self._scene, self._built, self._drawn = scene, None, None
         if aim is not None:
             self._aim = aim
         if select is not None:
             self._selected = select.cell
 
-    def concerned(self, names: set[str]) -> bool:
-        """Whether news of these locations can change what the tab shows; asked from other threads."""
-        return self.shown is None or self._location in names or not names <= self._known
+    def loaded(self, query: MapQuery, seen: Seen | None) -> None:
+        """What was wanted is at hand, or cannot be had."""
+        self._loaded = _Loaded(query.location, query.time, seen)
 
-    def paint(self, request: ViewRequest, news: bool) -> None:
-        """Bring the tab to a request; `news` asks for everything afresh.
+    def concerned(self, fresh: Fresh) -> bool:
+        """Whether news can change what the tab shows; asked from other threads."""
+        if any("location" in kinds or name not in self._known for name, kinds in fresh.items()):
+            return True
+        return bool(fresh.get(self._location or "", frozenset()) & ALL_KINDS)
+
+    def has_listed(self, name: str) -> bool:
+        """Whether there was a grid of this name since the tab opened."""
+        return name in self._known
+
+    def paint(self, request: ViewRequest, fresh: Fresh | None) -> None:
+        """Bring the tab to a request; `fresh` says what is new, None that nothing is known yet.
 
         Raises LocationNotFoundError.
         """
-        if news:
+        if fresh is None or any("location" in kinds or name not in self._known for name, kinds in fresh.items()):
             self._publish_grids()
         name = request.location or next((grid.name for grid in self._source.grids()), None)
         if name is None:
             self.blank("no-grids", "")
             return
-        location = self._source.grid(name)
-        if news or self._location != name:
-            self._publish_location(location)
-        shown = self._painted(location, request)
+        location, like = self._found(name, request, fresh)
+        self._publish_location(location, ALL_KINDS if fresh is None else fresh.get(name, frozenset()))
+        shown = self._painted(location, request, like)
         if shown is None:
             self.blank("no-observations", name)
             return
         self._draw(shown)
         self.shown = shown
-        self._publish(report.frame(shown, request, self._selected))
+        self._publish(report.frame(shown, request, self._selected, drawn=self._scene is not None))
 
     def blank(self, reason: str, detail: str) -> None:
         """Show nothing, and say why."""
+        self._want(None)
         if self._scene is not None:
             with self._scene.client.atomic():
                 self._scene.clear()
             self._scene.client.flush()
-        self._built = None
+        self._built = self._drawn = None
         self.shown = None
         self._publish(report.notice(reason, detail))
 
     def pick(self, ray: Ray) -> int | None:
-        """The linear index of the first cell under a ray; asked from other threads."""
+        """The number of the first cell under a ray; asked from other threads."""
         shown = self.shown
         if shown is None:
             return None
-        clouds = ((shown.picture.predicted, np.zeros(3)), (shown.picture.observed, shown.layout.shift))
-        hits = [_hit(shown, cloud, ray.moved(shift)) for cloud, shift in clouds]
+        hits = [_hit(shown, side, ray.moved(shown.layout.shift * side)) for side in range(1 + shown.layout.beside)]
         return min((hit for hit in hits if hit is not None), default=(0.0, None))[1]
+
+    def _found(self, name: str, request: ViewRequest, fresh: Fresh | None) -> tuple[LocationSummary, MapView | None]:
+        """The location, and the view before where another moment of the same is asked for: no question is needed."""
+        before, now = self.shown, monotonic()
+        known = before is not None and before.location.name == name and now - self._asked_at < BELIEVED_S
+        if before is not None and known and fresh is not None and name not in fresh:
+            same = request.order == self._order
+            self._order = request.order
+            return before.location, before.view if same else None
+        self._asked_at, self._order = now, request.order
+        return self._source.grid(name), None
 
     def _publish_grids(self) -> None:
         grids = self._source.grids()
         self._known |= {grid.name for grid in grids}
         self._publish(report.grids(grids))
 
-    def _publish_location(self, location: LocationSummary) -> None:
-        if self._location != location.name:
-            self._selected = None
+    def _publish_location(self, location: LocationSummary, kinds: frozenset[str]) -> None:
+        other = self._location != location.name
         self._location = location.name
         now = self._source.now()
-        first = location.first_time if location.first_time is not None else now
-        marks = self._source.events(location.name, first)
-        self._publish(report.location(location, marks, now, self._source.first_update()))
+        if other or kinds & {"anomaly", "location"}:
+            first = location.first_time if location.first_time is not None else now
+            self._events = self._source.events(location.name, first)
+            self._publish(report.events(self._events))
+        if other or kinds & ALL_KINDS:
+            self._publish(report.location(location, now, self._source.first_update()))
 
-    def _painted(self, location: LocationSummary, request: ViewRequest) -> PaintedView | None:
+    def _painted(self, location: LocationSummary, request: ViewRequest, like: MapView | None) -> PaintedView | None:
         """What there is to see; None when nothing has been observed."""
         if location.last_time is None or location.grid is None:
             return None
         time = location.last_time if request.live or request.time is None else request.time
-        state = self._source.state(Question(location.name, time, request.confidence, request.order))
-        if len(state.cell) == 0 or state.shape != location.grid.shape:
+        query = MapQuery(location.name, time, request.confidence, request.order)
+        view = self._source.view(query, like)
+        if not view.loaded.known.size or view.location.cells.shape != location.grid.shape:
             # Of another shape it is another location, which has just taken the name of this one.
             return None
-        ground, layout = self._lay(location, location.grid, state)
-        usual = self._usual(location, state) if request.dim and state.revision else None
-        taste = Taste(request.floor, max(FRESH_S, 2 * location.interval_s))
-        return PaintedView(location, state, picture(state, ground, usual, taste), layout, taste)
+        board, layout = self._lay(location, location.grid, view, request)
+        seen = self._seen(query, view)
+        taste = _taste(request, location)
+        return PaintedView(location, view, seen, board, board.paint(view, seen, taste), layout, taste)
 
-    def _lay(self, location: LocationSummary, grid: GridGeometry, state: ViewedState) -> tuple[Ground, Layout]:
-        """Where the state's cells are, worked out once a revision; before the first one they change with the time."""
-        key = _key(location, state)
-        if self._laid is None or self._laid[0] != key or not state.revision:
-            ground = Ground.of(grid, state.cell)
-            layout = arrange(grid, ground.index, location.extent is Extent.PLANE)
-            self._laid = (key, ground, layout)
-        return self._laid[1], self._laid[2]
+    def _seen(self, query: MapQuery, view: MapView) -> Seen | None:
+        """What was last seen, at hand or to be loaded."""
+        loaded = self._loaded
+        if view.seen is not None:
+            self._want(None)
+            return view.seen
+        if loaded is not None and (loaded.location, loaded.time) == (query.location, query.time):
+            return loaded.seen
+        self._want(query)
+        before = self.shown
+        if before is not None and before.location.id == view.location.id and before.view.time == view.time:
+            return before.seen  # what was known a moment ago
+        return None
 
-    def _usual(self, location: LocationSummary, state: ViewedState) -> NDArray[np.float32] | None:
-        """Mean probabilities of the state's cells, asked for once a revision."""
-        key = _key(location, state)
-        if self._means is None or self._means[0] != key:
-            mean = self._source.state(Question(location.name, state.time, None, 0, observed=False))
-            self._means = (key, mean.probability)
-        usual = self._means[1]
-        return usual if len(usual) == len(state.cell) else None
+    def _lay(
+        self, location: LocationSummary, grid: GridGeometry, view: MapView, request: ViewRequest
+    ) -> tuple[Board, Layout]:
+        """Where the cells are: worked out once a revision, for many times."""
+        board, layout, titles = self._board, self._layout, TITLES[request.layout]
+        if board is None or board.loaded is not view.loaded or board.grid != grid:
+            board, layout = Board(grid, view), None
+        if layout is None or layout.titles != titles:
+            layout = arrange(board.bounds, location.extent is Extent.PLANE, titles)
+        self._board, self._layout = board, layout
+        return board, layout
 
     def _draw(self, shown: PaintedView) -> None:
         scene = self._scene
@@ -147,14 +213,21 @@ class Painter:
             return
         with scene.client.atomic():
             if self._built != shown.location.name or not shown.layout.same_as(scene.layout):
-                scene.build(shown.layout, max(shown.grid.shape))
+                scene.build(shown.layout)
+                self._drawn = None
             if self._built != shown.location.name:
                 scene.aim(from_above=shown.layout.flat)
-            scene.show(shown.picture)
+            if self._drawn is shown.board:
+                scene.show(shown.board, shown.picture)
+            else:
+                scene.show_all(shown.board)
+            scene.outline(boxes(self._events, shown))
             scene.select(_index(shown, self._selected))
-            if self._aim is not None:
+            if self._aim is not None and self._aim.view == "pose":
+                scene.put_camera(self._aim.pose)
+            elif self._aim is not None:
                 scene.aim(from_above=self._aim.view == "above")
-        self._built, self._aim = shown.location.name, None
+        self._built, self._drawn, self._aim = shown.location.name, shown.board, None
         self._send(scene)
 
     def _send(self, scene: Scene) -> None:
@@ -165,11 +238,13 @@ class Painter:
         except TimeoutError:
             _log.debug("a browser did not acknowledge an update in %g s", ACKNOWLEDGE_S)
         except ConnectionError:
-            self._scene = None
+            self._scene = self._drawn = None
 
 
-def _key(location: LocationSummary, state: ViewedState) -> Key:
-    return location.name, location.created_at, state.revision, len(state.cell)
+def _taste(request: ViewRequest, location: LocationSummary) -> Taste:
+    fresh_s = max(FRESH_S, 2 * location.interval_s)
+    heights = (0 if request.low is None else request.low, 65535 if request.high is None else request.high)
+    return Taste(request.floor, fresh_s, request.dim, *heights, request.layout, request.predicted, request.observed)
 
 
 def _index(shown: PaintedView, cell: int | None) -> NDArray[np.int64] | None:
@@ -179,7 +254,8 @@ def _index(shown: PaintedView, cell: int | None) -> NDArray[np.int64] | None:
     return index
 
 
-def _hit(shown: PaintedView, cloud: Cloud, ray: Ray) -> tuple[float, int] | None:
-    """Depth and linear index of the first cell of a cloud under a ray."""
-    hit = first_hit(ray, shown.grid.centre_at(cloud.index), CELL_HALF * shown.grid.resolution_m)
-    return None if hit is None else (hit[0], int(shown.state.cell[cloud.row[hit[1]]]))
+def _hit(shown: PaintedView, side: int, ray: Ray) -> tuple[float, int] | None:
+    """Depth and number of the first cell of a grid under a ray."""
+    rows = shown.board.shown(side)
+    hit = first_hit(ray, shown.grid.centre_at(shown.board.index[rows]), CELL_HALF * shown.grid.resolution_m)
+    return None if hit is None else (hit[0], int(shown.board.cell[rows[hit[1]]]))

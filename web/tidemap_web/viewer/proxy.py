@@ -2,13 +2,15 @@
 
 import re
 import secrets
+from urllib.parse import quote
 
 from fastapi import APIRouter, Request, Response, WebSocket
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse
 
-from tidemap.errors import DomainError
+from tidemap.errors import DomainError, LocationNotFoundError
 from tidemap.services.context import Context
+from tidemap.services.locations import find_location
 from tidemap_web.pages import guard
 from tidemap_web.pages.problems import problem_page
 from tidemap_web.pages.templates import page
@@ -28,10 +30,12 @@ def router(ctx: Context, viewer: ViewerServer) -> APIRouter:
     @routes.get("", response_model=None)
     @routes.get("/", response_model=None)
     def view(request: Request) -> Response:
-        """The viewer's page. `?location=` and `?time=` choose what it opens with."""
+        """The viewer's page; see core/address.js for what its query chooses."""
         try:
             if redirected := guard.redirect(request):
                 return redirected
+            if elsewhere := _page_of_state(ctx, request.query_params.get("location", "")):
+                return elsewhere
         except DomainError as error:
             return problem_page(request, error)
         facts = {
@@ -39,6 +43,8 @@ def router(ctx: Context, viewer: ViewerServer) -> APIRouter:
             "scene": scene_address(),
             "gradient": colors.gradient_css(),
             "structure": colors.structure_css(),
+            "ages": colors.gradient_css(low=0.1),
+            "differences": colors.differences_css(),
             "swatches": _swatches(),
             "embedded": "embed" in request.query_params,
             **guard.header(ctx, request),
@@ -86,6 +92,17 @@ def router(ctx: Context, viewer: ViewerServer) -> APIRouter:
     return routes
 
 
+def _page_of_state(ctx: Context, name: str) -> Response | None:
+    """A location without a grid has no scene, but a page."""
+    try:
+        location = find_location(ctx, name)
+    except LocationNotFoundError:
+        return None
+    if location.grid is not None:
+        return None
+    return RedirectResponse(f"/locations/{quote(name, safe='')}", 303, guard.NO_STORE)
+
+
 def _scene_page(request: Request) -> Response:
     """Viser's client; browsers ask each time whether theirs is the current one, so no old policy lives on."""
     client = client_page()
@@ -110,4 +127,6 @@ def _swatches() -> dict[str, str]:
         "unexpected": colors.css(colors.UNEXPECTED),
         "missing": colors.css(colors.MISSING),
         "stale": colors.css(colors.STALE),
+        "uncertain": colors.css_of_probability(0.5),
+        "free": colors.css_of_probability(0.1),
     }

@@ -4,6 +4,7 @@ import numpy as np
 
 from tidemap.services.anomalies import Anomaly
 from tidemap.services.locations import LocationSummary
+from tidemap.spectral.prediction import VERDICTS, verdict
 from tidemap_web.viewer.messages import PageMessage, ViewRequest
 from tidemap_web.viewer.painted import PaintedView
 from tidemap_web.viewer.span import span
@@ -14,8 +15,8 @@ def grids(items: list[LocationSummary]) -> PageMessage:
     return {"kind": "grids", "items": [{"name": item.name, "kind": item.kind} for item in items]}
 
 
-def location(item: LocationSummary, events: list[Anomaly], now: float, first_update: int) -> PageMessage:
-    """The chosen grid, the stretch of its timeline, and marks on it."""
+def location(item: LocationSummary, now: float, first_update: int) -> PageMessage:
+    """The chosen grid and the stretch of its timeline."""
     message: PageMessage = {
         "kind": "location",
         "name": item.name,
@@ -27,14 +28,24 @@ def location(item: LocationSummary, events: list[Anomaly], now: float, first_upd
         "shape": list(item.cells.shape),
         "frame": item.grid.frame if item.grid else None,
         "resolution_m": item.grid.resolution_m if item.grid else None,
+        "origin_m": list(item.grid.origin) if item.grid else None,
         "now": now,
         "span": None,
-        "events": [_mark(event) for event in events],
     }
     if item.first_time is not None and item.last_time is not None:
         reach = span(item.first_time, item.last_time, now)
         message["span"] = {"first": reach.first, "last": reach.last, "stop": reach.stop}
     return message
+
+
+def events(found: list[Anomaly]) -> PageMessage:
+    """The marks on the timeline of the chosen grid."""
+    return {"kind": "events", "items": [_mark(event) for event in found]}
+
+
+def progress(what: str, done: float | None) -> PageMessage:
+    """What is being loaded and how far that is, from 0 to 1; None: it is there."""
+    return {"kind": "progress", "what": what, "done": done}
 
 
 def _mark(event: Anomaly) -> PageMessage:
@@ -48,25 +59,28 @@ def _mark(event: Anomaly) -> PageMessage:
     }
 
 
-def frame(shown: PaintedView, request: ViewRequest, selected: int | None) -> PageMessage:
-    """What is on the screen now."""
-    state, picture = shown.state, shown.picture
+def frame(shown: PaintedView, request: ViewRequest, selected: int | None, drawn: bool) -> PageMessage:
+    """What is on the screen now; `drawn` says whether there is one."""
+    view, picture, revision = shown.view, shown.picture, shown.view.loaded.revision
     return {
         "kind": "frame",
         "location": shown.location.name,
-        "time": state.time,
+        "time": view.time,
         "last": shown.location.last_time,
         "live": request.live,
-        "revision": state.revision,
-        "estimator": state.estimator,
-        "order": state.order,
-        "confidence": state.confidence,
+        "drawn": drawn,
+        "loading": shown.loading,
+        "revision": revision.revision,
+        "estimator": revision.estimator,
+        "order": revision.order,
+        "confidence": view.confidence,
         "floor": shown.taste.floor,
         "fresh_s": shown.taste.fresh_s,
+        "layout": shown.taste.layout,
         "lines_m": shown.layout.lines_m,
-        "cells": len(state.cell),
-        "predicted": len(picture.predicted.row),
-        "observed": len(picture.observed.row),
+        "cells": len(shown.board.cell),
+        "predicted": picture.shown[0],
+        "observed": picture.shown[1],
         "unexpected": picture.unexpected,
         "missing": picture.missing,
         "stale": picture.stale,
@@ -77,24 +91,22 @@ def frame(shown: PaintedView, request: ViewRequest, selected: int | None) -> Pag
 
 def cell(shown: PaintedView, number: int) -> PageMessage | None:
     """One cell's facts; None when it has never been observed."""
-    state = shown.state
-    rows = np.flatnonzero(state.cell == number)
-    if len(rows) == 0 or state.observed is None or state.observed_time is None:
+    if not shown.is_known(number):
         return None
-    row = int(rows[0])
-    seen = int(state.observed[row])
+    seen, p, c = shown.last_seen(number), float(shown.view.probability[number]), shown.view.confidence
     return {
         "cell": number,
         "index": shown.grid.index([number])[0].tolist(),
         "position_m": [round(float(x), 3) for x in shown.grid.centre([number])[0]],
-        "probability": None if np.isnan(state.probability[row]) else float(state.probability[row]),
-        "observed": None if seen == 2 else seen,
-        "observed_time": None if seen == 2 else float(state.observed_time[row]),
+        "probability": None if np.isnan(p) else p,
+        "verdict": None if np.isnan(p) else VERDICTS[int(verdict(np.float32(p), c))],
+        "observed": None if seen is None else seen[0],
+        "observed_time": None if seen is None else seen[1],
     }
 
 
 def notice(reason: str, detail: str) -> PageMessage:
-    """Why there is nothing to show: no-grids, no-observations, not-found or error."""
+    """Why there is nothing to show: no-grids, no-grid, no-observations, not-found, deleted or error."""
     return {"kind": "notice", "reason": reason, "detail": detail}
 
 
@@ -103,10 +115,10 @@ def stats(token: str, shown: PaintedView | None, updates: int, idle: bool) -> Pa
     return {
         "session": token[:6],
         "location": shown.location.name if shown else None,
-        "time": shown.state.time if shown else None,
-        "revision": shown.state.revision if shown else None,
-        "predicted": len(shown.picture.predicted.row) if shown else 0,
-        "observed": len(shown.picture.observed.row) if shown else 0,
+        "time": shown.view.time if shown else None,
+        "revision": shown.view.loaded.revision.revision if shown else None,
+        "predicted": shown.picture.shown[0] if shown else 0,
+        "observed": shown.picture.shown[1] if shown else 0,
         "updates": updates,
         "idle": idle,
     }

@@ -1,22 +1,37 @@
-"""One browser tab's 3D scene: two point clouds, the floor under them, labels and the selected cell."""
+"""One browser tab's 3D scene: the tiles of one or two grids, the floor under them, labels, frames and axes."""
+
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import viser
 from numpy.typing import NDArray
 
 from tidemap_web.viewer import colors
-from tidemap_web.viewer.cells import Cloud, Picture
+from tidemap_web.viewer.board import Board, Picture
 from tidemap_web.viewer.layout import Layout, camera_pose
+from tidemap_web.viewer.painting import RESHAPED
 
 CELL_HALF = 0.42
 """Half the side of a drawn square in grid steps: a little less than a cell, so that cells show apart."""
 
-_EXACT_FLOAT16 = 2048
 _FOV = 0.7
+_STILL_M = 0.02
+"""Less is no movement of the camera."""
 _GRIDS = ("predicted", "observed")
+"""The left grid and the right one."""
 _EDGES = np.array(
     [[0, 1], [0, 2], [1, 3], [2, 3], [4, 5], [4, 6], [5, 7], [6, 7], [0, 4], [1, 5], [2, 6], [3, 7]], dtype=np.intp
 )
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """A frame around [x0, y0, z0, x1, y1, z1] in metres, with words above it."""
+
+    bounds: tuple[float, ...]
+    text: str
+    color: colors.Rgb
 
 
 class Scene:
@@ -25,42 +40,85 @@ class Scene:
     def __init__(self, client: viser.ClientHandle) -> None:
         self.client = client
         self.layout: Layout | None = None
-        self._clouds: dict[str, viser.PointCloudHandle] = {}
+        self._tiles: dict[tuple[int, int], viser.PointCloudHandle] = {}
         self._selected: tuple[int, ...] | None = None
+        self._events: tuple[Box, ...] = ()
+        self.placed = False
+        """Whether the camera has been put anywhere."""
+        self._standard: list[float] | None = None
 
     def clear(self) -> None:
         """Take everything away."""
         for name in _GRIDS:
             self.client.scene.remove_by_name(f"/{name}")
-        self._clouds = {}
+        self._tiles = {}
         self._selected = None
+        self._events = ()
         self.layout = None
 
-    def build(self, layout: Layout, extent: int) -> None:
-        """Lay the floor and empty grids out for a location of at most `extent` cells a side."""
+    def build(self, layout: Layout) -> None:
+        """Lay the floors out; there are no cells yet."""
         self.clear()
         self.layout = layout
-        for name in _GRIDS:
-            shift = layout.shift if name == "observed" else np.zeros(3)
-            self._lay_floor(name, layout, shift)
-            self._clouds[name] = self._empty_cloud(name, layout, shift, extent)
+        for side in range(1 + layout.beside):
+            self._lay_floor(_GRIDS[side], layout.titles[side], layout, layout.shift * side)
 
     def aim(self, from_above: bool) -> None:
-        """Turn the camera so that both grids are in view."""
+        """Turn the camera so that all grids are in view."""
         if self.layout is None:
             return
         camera = self.client.camera
         aspect = camera.image_width / max(camera.image_height, 1)
         pose = camera_pose(self.layout, aspect, _FOV, from_above)
+        standard = [*pose.position.tolist(), *pose.look_at.tolist()]
+        self.put_camera(standard)
+        self._standard = standard
+
+    def put_camera(self, pose: list[float]) -> None:
+        """Put the camera at the first three metres, looking at the last three."""
+        camera = self.client.camera
+        self._standard, self.placed = None, True
         camera.fov = _FOV
         camera.up_direction = np.array([0.0, 0.0, 1.0])
-        camera.position = pose.position
-        camera.look_at = pose.look_at
+        camera.position = np.array(pose[:3])
+        camera.look_at = np.array(pose[3:])
 
-    def show(self, picture: Picture) -> None:
-        """Draw both grids; only what changed is sent."""
-        self._fill(self._clouds["predicted"], picture.predicted)
-        self._fill(self._clouds["observed"], picture.observed)
+    def pose(self) -> list[float] | None:
+        """Where the camera is and what it looks at; None where that is a standard view."""
+        camera = self.client.camera
+        pose = [*camera.position.tolist(), *camera.look_at.tolist()]
+        return None if self._standard is not None and np.allclose(pose, self._standard, atol=_STILL_M) else pose
+
+    def show(self, board: Board, picture: Picture) -> None:
+        """Draw what has changed; only that is sent."""
+        for side, tile in np.argwhere(picture.changed).tolist():
+            reshaped = bool(picture.changed[side, tile] & RESHAPED)
+            self._draw_tile(board, side, tile, reshaped)
+
+    def show_all(self, board: Board) -> None:
+        """Draw every tile, as in a scene that has just been built, or of another board."""
+        for (_, tile), handle in self._tiles.items():
+            handle.visible = tile < board.n_tiles
+        for side in range(len(_GRIDS)):
+            for tile in range(board.n_tiles):
+                self._draw_tile(board, side, tile, reshaped=True)
+
+    def outline(self, boxes: tuple[Box, ...]) -> None:
+        """Frame what is abnormal, in every grid, in the last with a label above."""
+        if self.layout is None or boxes == self._events:
+            return
+        self._events = boxes
+        for side in range(1 + self.layout.beside):
+            name, shift = f"/{_GRIDS[side]}/events", self.layout.shift * side
+            self.client.scene.remove_by_name(name)
+            for number, box in enumerate(boxes):
+                low, high = np.array(box.bounds[:3]), np.array(box.bounds[3:])
+                margin = 0.15 * self.layout.grid.resolution_m
+                frame = f"{name}/{number}"
+                self._frame(frame, (low + high) / 2 + shift, (high - low) / 2 + margin, box.color)
+                if side == self.layout.beside:  # once: labels have a size of their own, and may hide one another
+                    top = np.array([*((low + high) / 2)[:2], high[2] + margin]) + shift
+                    self._label(f"{frame}/label", box.text, top, 1.0)
 
     def select(self, index: NDArray[np.int64] | None) -> None:
         """Frame one cell (3,) in both grids, or none."""
@@ -74,9 +132,8 @@ class Scene:
             return
         half = np.full(3, self.layout.grid.resolution_m * 0.6)
         centre = self.layout.grid.centre_at(index)
-        for name in _GRIDS:
-            shift = self.layout.shift if name == "observed" else np.zeros(3)
-            self._frame(f"/{name}/selected", centre + shift, half)
+        for side in range(1 + self.layout.beside):
+            self._frame(f"/{_GRIDS[side]}/selected", centre + self.layout.shift * side, half)
 
     def send(self, wait_s: float) -> None:
         """Send what is queued and wait until the browser has taken it, for it answers in order.
@@ -90,29 +147,35 @@ class Scene:
             if "disconnected" in str(error):
                 raise ConnectionError(str(error)) from error
 
-    def _fill(self, handle: viser.PointCloudHandle, cloud: Cloud) -> None:
-        handle.visible = len(cloud.row) > 0
+    def _draw_tile(self, board: Board, side: int, tile: int, reshaped: bool) -> None:
+        rows = board.shown(side, tile)
+        handle = self._tiles.get((side, tile))
+        if handle is None:
+            if len(rows):
+                self._tiles[side, tile] = self._add_tile(board, side, tile, rows)
+            return
+        handle.visible = len(rows) > 0
         if handle.visible:
-            handle.points = cloud.index.astype(np.float32) + np.float32(0.5)
-            handle.colors = cloud.color
+            if reshaped:
+                handle.points = board.points(rows)
+            handle.colors = board.colors(side, rows)
 
-    def _empty_cloud(
-        self, name: str, layout: Layout, shift: NDArray[np.float64], extent: int
-    ) -> viser.PointCloudHandle:
+    def _add_tile(self, board: Board, side: int, tile: int, rows: NDArray[np.intp]) -> viser.PointCloudHandle:
+        grid = board.grid
+        shift = np.zeros(3) if self.layout is None else self.layout.shift * side
         return self.client.scene.add_point_cloud(
-            f"/{name}/cells",
-            points=np.zeros((1, 3), dtype=np.float32),
-            colors=np.zeros((1, 3), dtype=np.uint8),
+            f"/{_GRIDS[side]}/cells/{tile}",
+            points=board.points(rows),
+            colors=board.colors(side, rows),
             point_size=CELL_HALF,
             point_shape="square",
             point_shading="flat",
-            precision="float16" if extent < _EXACT_FLOAT16 / 2 else "float32",
-            scale=layout.grid.resolution_m,
-            position=np.asarray(layout.grid.origin) + shift,
-            visible=False,
+            precision="float16" if board.precision == np.float16 else "float32",
+            scale=grid.resolution_m,
+            position=np.asarray(grid.origin) + shift,
         )
 
-    def _lay_floor(self, name: str, layout: Layout, shift: NDArray[np.float64]) -> None:
+    def _lay_floor(self, name: str, title: str, layout: Layout, shift: NDArray[np.float64]) -> None:
         size = layout.size
         step = layout.lines_m
         centre = (layout.low + layout.high) / 2 + shift
@@ -131,13 +194,14 @@ class Scene:
         )
         edge = np.array([size[0] / 2, size[1] / 2, 0.0])
         self._frame(f"/{name}/outline", np.array([centre[0], centre[1], bottom]), edge, colors.FLOOR)
-        self.client.scene.add_label(
-            f"/{name}/label",
-            name.capitalize(),
-            position=(centre[0], layout.high[1], layout.high[2]),
-            anchor="bottom-center",
-            font_screen_scale=1.3,
-        )
+        self._label(f"/{name}/label", title, np.array([centre[0], layout.high[1] + shift[1], layout.high[2]]), 1.3)
+        for tick in layout.ticks():
+            self._label(f"/{name}/axes/{tick.name}", tick.text, np.array([*tick.at, bottom]) + shift, 0.8)
+
+    def _label(self, name: str, text: str, at: NDArray[np.float64], size: float) -> None:
+        anchor: Any = "bottom-center" if size >= 1 else "top-center"
+        position = (float(at[0]), float(at[1]), float(at[2]))
+        self.client.scene.add_label(name, text, position=position, anchor=anchor, font_screen_scale=size)
 
     def _frame(
         self, name: str, centre: NDArray[np.float64], half: NDArray[np.float64], color: colors.Rgb = colors.SELECTED

@@ -8,9 +8,10 @@ import rich
 import viser
 
 from tidemap.services.context import Context
+from tidemap_web.viewer.board import warm
 from tidemap_web.viewer.inner import SHOWN_IN, InnerViser, token_of
 from tidemap_web.viewer.messages import PageMessage
-from tidemap_web.viewer.news import News
+from tidemap_web.viewer.news import Fresh, News
 from tidemap_web.viewer.picking import Ray
 from tidemap_web.viewer.scene import Scene
 from tidemap_web.viewer.session import Session
@@ -46,6 +47,7 @@ class ViewerServer:
 
     def start(self) -> None:
         """Open viser's port and listen to the event bus."""
+        warm()
         rich.get_console().quiet = True  # viser greets on standard output, which is ours
         self._viser = InnerViser(self.knows)
         self._viser.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
@@ -111,7 +113,14 @@ class ViewerServer:
         def _(event: viser.SceneClickEvent) -> None:
             session.pick(Ray.of(event.ray_origin, event.ray_direction, client.camera.wxyz))
 
-        session.attach(Scene(client))
+        scene = Scene(client)
+
+        @client.camera.on_update
+        def _(_: viser.CameraHandle) -> None:
+            if scene.placed:
+                session.camera_moved(scene.pose())
+
+        session.attach(scene)
 
     def _token(self, client: viser.ClientHandle) -> str:
         """The tab's token, which the proxy put into the address it connected to."""
@@ -122,8 +131,8 @@ class ViewerServer:
             return ""
         return token_of(connection.request)
 
-    def _notify(self, names: set[str]) -> None:
+    def _notify(self, fresh: Fresh) -> None:
         with self._lock:
             sessions = list(self._sessions.values())
         for session in sessions:
-            session.notify(names)
+            session.notify(fresh)

@@ -5,14 +5,21 @@ import threading
 from collections.abc import Callable
 
 from tidemap.errors import DomainError, LocationNotFoundError
+from tidemap.services.context import Seen
+from tidemap.services.map_view import MapQuery
 from tidemap_web.viewer import report
+from tidemap_web.viewer.loading import Loader
 from tidemap_web.viewer.messages import Aim, PageMessage, Select, ViewRequest
+from tidemap_web.viewer.news import Fresh, together
 from tidemap_web.viewer.painter import Painter
 from tidemap_web.viewer.picking import Ray
 from tidemap_web.viewer.scene import Scene
 from tidemap_web.viewer.source import Source
 
 _log = logging.getLogger(__name__)
+
+OBSERVED = "what was last seen"
+"""What takes long to load."""
 
 
 class Session:
@@ -24,13 +31,17 @@ class Session:
 
     def __init__(self, token: str, source: Source, publish: Callable[[PageMessage], None]) -> None:
         self.token = token
-        self._painter = Painter(source, publish)
+        self._publish = publish
+        self._source = source
+        self._loader = Loader(source, self._loading, self._take_loaded)
+        self._painter = Painter(source, publish, self._loader.want)
         self._changed = threading.Condition()
         self._request = ViewRequest()
         self._aim: Aim | None = None
         self._select: Select | None = None
         self._arrived: Scene | None = None
-        self._news = True
+        self._fresh: Fresh | None = None
+        self._arrivals: tuple[MapQuery, Seen | None] | None = None
         self._pending = False
         self._busy = False
         self._closed = False
@@ -57,29 +68,45 @@ class Session:
             self._arrived = scene
             self._wake()
 
-    def notify(self, names: set[str]) -> None:
-        """Something new is known at these locations."""
+    def notify(self, fresh: Fresh) -> None:
+        """Something new is known at some locations."""
         with self._changed:
-            if self._painter.concerned(names):
-                self._news = True
+            if self._painter.concerned(fresh):
+                self._fresh = None if self._fresh is None else together(self._fresh, fresh)
                 self._wake()
 
     def pick(self, ray: Ray) -> None:
         """Select the first cell under a ray; none where there is none."""
         if self._painter.shown is not None:
-            self.ask(Select(kind="select", cell=self._painter.pick(ray)))
+            cell = self._painter.pick(ray)
+            self.ask(Select(kind="select", cell=cell))
+            self._publish({"kind": "picked", "cell": cell})
+
+    def camera_moved(self, pose: list[float] | None) -> None:
+        """The camera is there now; None: at a standard view."""
+        self._publish({"kind": "camera", "pose": pose})
 
     def close(self) -> None:
         """Stop working; what is being painted is finished or given up."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
+        self._loader.want(None)
 
     def stats(self) -> PageMessage:
         """Facts for tests and operators."""
         with self._changed:
             idle = not (self._pending or self._busy)
             return report.stats(self.token, self._painter.shown, self._painter.updates, idle)
+
+    def _loading(self, share: float) -> None:
+        self._publish(report.progress(OBSERVED, share))
+
+    def _take_loaded(self, query: MapQuery, seen: Seen | None) -> None:
+        self._publish(report.progress(OBSERVED, None))
+        with self._changed:
+            self._arrivals = (query, seen)
+            self._wake()
 
     def _wake(self) -> None:
         self._pending = True
@@ -97,24 +124,34 @@ class Session:
             self._busy, self._pending = not self._closed, False
             return not self._closed
 
-    def _take(self) -> tuple[ViewRequest, bool]:
-        """Hand what has changed to the painter; the request, and whether there are news."""
+    def _take(self) -> tuple[ViewRequest, Fresh | None]:
+        """Hand what has changed to the painter; the request, and what is new."""
         with self._changed:
             scene, self._arrived = self._arrived, None
             aim, self._aim = self._aim, None
             select, self._select = self._select, None
-            news, self._news = self._news, False
+            loaded, self._arrivals = self._arrivals, None
+            fresh, self._fresh = self._fresh, {}
             request = self._request
         self._painter.prepare(scene, aim, select)
-        return request, news
+        if loaded is not None:
+            self._painter.loaded(*loaded)
+        return request, fresh
 
-    def _paint(self, request: ViewRequest, news: bool) -> None:
+    def _paint(self, request: ViewRequest, fresh: Fresh | None) -> None:
         try:
-            self._painter.paint(request, news)
+            self._painter.paint(request, fresh)
         except LocationNotFoundError as error:
-            self._painter.blank("not-found", str(error))
+            self._painter.blank(self._reason(request), str(error))
         except DomainError as error:
             self._painter.blank("error", str(error))
         except Exception:
             _log.exception("viewer session %s failed", self.token[:6])
             self._painter.blank("error", "The viewer failed; the server's log says why.")
+
+    def _reason(self, request: ViewRequest) -> str:
+        """Why there is no such grid: it is a location of another kind, or was listed before, or never was."""
+        name = request.location or ""
+        if self._source.is_location(name):
+            return "no-grid"
+        return "deleted" if self._painter.has_listed(name) else "not-found"

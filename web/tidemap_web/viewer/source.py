@@ -1,62 +1,18 @@
 """What the viewer asks the services for; one small face, so that sessions can be tested without a database."""
 
-from dataclasses import dataclass
+from collections.abc import Hashable
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tidemap.errors import LocationNotFoundError, NoModelError
-from tidemap.services import anomalies, locations, state
+from tidemap.services import anomalies, films, locations, map_view
 from tidemap.services.anomalies import Anomaly
-from tidemap.services.context import Context
+from tidemap.services.context import Context, Seen
+from tidemap.services.films import Watch
 from tidemap.services.locations import LocationSummary
-from tidemap.services.observed_map import observed_map
-from tidemap_web.viewer.cells import StateArrays
+from tidemap.services.map_view import MapQuery, MapView
+from tidemap.services.spectra import fitted
 
 MARKS = 500
-
-
-class ViewedState(StateArrays, Protocol):
-    """A state at a time with what it was computed from."""
-
-    @property
-    def revision(self) -> int: ...
-    @property
-    def estimator(self) -> str: ...
-    @property
-    def order(self) -> int: ...
-
-
-@dataclass(frozen=True, slots=True)
-class Question:
-    """The state of a grid at a time, with what was last seen; None stands for the location's own choice."""
-
-    location: str
-    time: float
-    confidence: float | None
-    order: int | None
-    observed: bool = True
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class UnmodelledState:
-    """What was last seen of cells (n,) before there is a model; revision 0."""
-
-    time: float
-    confidence: float
-    shape: tuple[int, ...]
-    cell: NDArray[np.int64]
-    observed: NDArray[np.uint8]
-    observed_time: NDArray[np.float64]
-    revision: int = 0
-    estimator: str = ""
-    order: int = 0
-
-    @property
-    def probability(self) -> NDArray[np.float32]:
-        """(n,) NaN."""
-        return np.full(len(self.cell), np.nan, np.float32)
 
 
 class Source(Protocol):
@@ -69,13 +25,23 @@ class Source(Protocol):
         """All locations that are grids, by name."""
 
     def grid(self, name: str) -> LocationSummary:
-        """One of them. Raises LocationNotFoundError."""
+        """One of them. Raises LocationNotFoundError, also for a location that is no grid."""
 
-    def state(self, question: Question) -> ViewedState:
-        """Before the first revision what was last seen, with revision 0 and no probabilities (NaN)."""
+    def is_location(self, name: str) -> bool:
+        """Whether there is a location of this name, grid or not."""
+
+    def view(self, query: MapQuery, like: MapView | None) -> MapView:
+        """The map at a time, by the model of another view where there is one; before the first revision what was last
+        seen, of revision 0 and without probabilities (NaN)."""
 
     def first_update(self) -> int:
         """Measurements of a location from which on it has its first update."""
+
+    def window(self, query: MapQuery) -> Hashable:
+        """Equal for questions whose `load` is the same work."""
+
+    def load(self, query: MapQuery, watch: Watch) -> Seen | None:
+        """What was last seen then, where a view has it not at hand. `watch` hears how far it is."""
 
     def events(self, name: str, start: float) -> list[Anomaly]:
         """Anomalies since `start`, oldest first, at most MARKS."""
@@ -102,30 +68,35 @@ class Services:
             raise LocationNotFoundError(name)
         return location
 
-    def state(self, question: Question) -> ViewedState:
-        """The state at a time."""
-        query = state.StateQuery(
-            time=question.time,
-            confidence=question.confidence,
-            order=question.order,
-            observed=question.observed,
-        )
+    def is_location(self, name: str) -> bool:
+        """Whether there is one."""
         try:
-            return state.state_at(self._ctx, question.location, query)
-        except NoModelError:
-            return self._observed(question)
+            locations.find_location(self._ctx, name)
+        except LocationNotFoundError:
+            return False
+        return True
 
-    def _observed(self, question: Question) -> ViewedState:
-        location = locations.find_location(self._ctx, question.location)
-        seen = observed_map(self._ctx, location, question.time)
-        confidence = location.confidence if question.confidence is None else question.confidence
-        return UnmodelledState(
-            question.time, confidence, location.cells.shape, seen.cell, observed=seen.state, observed_time=seen.time
-        )
+    def view(self, query: MapQuery, like: MapView | None) -> MapView:
+        """The map at a time."""
+        if like is not None and not like.loaded.revision.revision:
+            like = None  # it knows of the cells that had been seen by its own time
+        try:
+            return map_view.map_at(self._ctx, query, like)
+        except NoModelError:
+            return map_view.observed_at(self._ctx, query)
 
     def first_update(self) -> int:
         """As the server's settings say."""
         return self._ctx.settings.update_samples
+
+    def window(self, query: MapQuery) -> Hashable:
+        """The film that it needs."""
+        location = locations.find_location(self._ctx, query.location)
+        return location.id, films.film_key(self._ctx, location, query.time)
+
+    def load(self, query: MapQuery, watch: Watch) -> Seen | None:
+        """What was last seen then, from the film that it needs."""
+        return films.make_film(self._ctx, fitted(self._ctx, query.location), query.time, watch)
 
     def events(self, name: str, start: float) -> list[Anomaly]:
         """Anomalies since `start`."""

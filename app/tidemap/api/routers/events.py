@@ -27,7 +27,8 @@ _ANSWER: dict[int | str, dict[str, Any]] = {
     }
 }
 Kinds = Annotated[
-    list[Text] | None, Query(description="`observation`, `anomaly`, `update`, `job`; several, or joined by `,` or `|`.")
+    list[Text] | None,
+    Query(description="`observation`, `anomaly`, `update`, `job`, `location`; several, or joined by `,` or `|`."),
 ]
 LastEventId = Annotated[
     Text | None, Header(alias=POSITION, description="The last `id` that came; resumes behind it and wins over `after`.")

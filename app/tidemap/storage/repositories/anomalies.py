@@ -22,7 +22,7 @@ _KEPT = ("acknowledged_by", "acknowledged_at", "note")
 
 @dataclass(frozen=True)
 class AnomalyFilter:
-    """Which events; None leaves a condition out. Times overlap [start, stop)."""
+    """Which events; None leaves a condition out. Times overlap [start, stop), `search` is in the location's name."""
 
     location_id: int | None = None
     after: int | None = None
@@ -32,6 +32,7 @@ class AnomalyFilter:
     min_surprise: float | None = None
     acknowledged: bool | None = None
     scope: Scope = EVERYWHERE
+    search: str = ""
 
 
 class AnomalyRepository:
@@ -52,6 +53,13 @@ class AnomalyRepository:
     def list(self, wanted: AnomalyFilter) -> list[AnomalyRecord]:
         """Oldest first."""
         query = _query(wanted).order_by(anomaly.c.id).limit(wanted.limit)
+        return [_record(row) for row in self._connection.execute(query).mappings()]
+
+    def newest(self, wanted: AnomalyFilter, before: int | None) -> Sequence[AnomalyRecord]:
+        """Newest first, of those with a lower id than `before`."""
+        query = _query(wanted).order_by(anomaly.c.id.desc()).limit(wanted.limit)
+        if before is not None:
+            query = query.where(anomaly.c.id < before)
         return [_record(row) for row in self._connection.execute(query).mappings()]
 
     def ids_after(self, after: int, limit: int, scope: Scope) -> Sequence[int]:
@@ -113,6 +121,9 @@ def _query(wanted: AnomalyFilter) -> Select[Any]:
     for value, condition in conditions:
         if value is not None:
             query = query.where(condition(value))
+    if wanted.search:
+        found = select(location.c.id).where(location.c.name.icontains(wanted.search, autoescape=True))
+        query = query.where(anomaly.c.location_id.in_(found))
     if wanted.scope.limited:
         visible = select(location.c.id).where(inside(location.c.name, wanted.scope))
         query = query.where(anomaly.c.location_id.in_(visible))

@@ -1,10 +1,10 @@
 """The repository of locations."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
-from sqlalchemy import Connection, bindparam, delete, func, insert, select, update
+from sqlalchemy import Connection, Select, bindparam, delete, func, insert, select, update
 
 from tidemap.errors import LocationExistsError, LocationNotFoundError
 from tidemap.scope import EVERYWHERE, Scope
@@ -18,6 +18,20 @@ from tidemap.storage.tables import location as location_table
 _BY_NAME = select(location_table).where(location_table.c.name == bindparam("name"))
 _BY_ID = select(location_table).where(location_table.c.id == bindparam("id"))
 _LOCKED = _BY_ID.with_for_update()
+_NAMES = tuple(location_table.c.keys())
+
+
+@dataclass(frozen=True, slots=True)
+class LocationFilter:
+    """Which locations, in which order: those whose names contain `search`, or of them those with open anomalies.
+
+    What is not known of a location comes last.
+    """
+
+    search: str = ""
+    alarmed: bool = False
+    sort: Literal["name", "seen", "anomalies"] = "name"
+    descending: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,10 +82,6 @@ class LocationRepository:
         rows = self._connection.execute(select(location_table.c.id, location_table.c.name))
         return {row.id: row.name for row in rows}
 
-    def count(self) -> int:
-        """How many there are."""
-        return int(self._connection.execute(select(func.count()).select_from(location_table)).scalar_one())
-
     def latest(self, limit: int) -> Sequence[LatestTimes]:
         """When the oldest locations, at most so many, were last observed and updated."""
         query = (
@@ -87,12 +97,26 @@ class LocationRepository:
 
     def open_anomalies(self) -> dict[int, int]:
         """How many unacknowledged anomalies each location id has; ids without any are left out."""
-        query = (
-            select(anomaly.c.location_id, func.count())
-            .where(anomaly.c.acknowledged.is_(False), anomaly.c.part_of.is_(None))
-            .group_by(anomaly.c.location_id)
-        )
-        return {row[0]: row[1] for row in self._connection.execute(query)}
+        return {row[0]: row[1] for row in self._connection.execute(select(_OPEN))}
+
+    def page(self, wanted: LocationFilter, offset: int, limit: int) -> Sequence[tuple[LocationRecord, int]]:
+        """Some of them, each with how many open anomalies it has."""
+        columns = {"name": location_table.c.name, "seen": location_table.c.last_time, "anomalies": _COUNTED}
+        first = columns[wanted.sort]
+        order = first.desc() if wanted.descending else first.asc()
+        query = _matching(wanted).add_columns(_COUNTED.label("open_anomalies"))
+        query = query.order_by(order.nulls_last(), location_table.c.name).offset(offset).limit(limit)
+        rows = self._connection.execute(query).mappings()
+        return [(LocationRecord.of({name: row[name] for name in _NAMES}), row["open_anomalies"]) for row in rows]
+
+    def count(self, wanted: LocationFilter) -> int:
+        """How many there are."""
+        return self._connection.execute(select(func.count()).select_from(_matching(wanted).subquery())).scalar() or 0
+
+    def of_ids(self, ids: Collection[int]) -> dict[int, LocationRecord]:
+        """Those of some ids that there still are, by id."""
+        rows = self._connection.execute(select(location_table).where(location_table.c.id.in_(ids))).mappings()
+        return {row["id"]: LocationRecord.of(row) for row in rows}
 
     def create(self, values: Mapping[str, Any]) -> LocationRecord:
         """Raises LocationExistsError."""
@@ -136,3 +160,19 @@ class LocationRepository:
     def _refuse_taken(self, name: str) -> None:
         if self._connection.execute(select(location_table.c.id).where(location_table.c.name == name)).first():
             raise LocationExistsError(name)
+
+
+_OPEN = (
+    select(anomaly.c.location_id, func.count().label("open"))
+    .where(anomaly.c.acknowledged.is_(False), anomaly.c.part_of.is_(None))
+    .group_by(anomaly.c.location_id)
+    .subquery()
+)
+_COUNTED = func.coalesce(_OPEN.c.open, 0)
+
+
+def _matching(wanted: LocationFilter) -> Select[Any]:
+    query = select(location_table).outerjoin(_OPEN, _OPEN.c.location_id == location_table.c.id)
+    if wanted.search:
+        query = query.where(location_table.c.name.icontains(wanted.search, autoescape=True))
+    return query.where(_COUNTED > 0) if wanted.alarmed else query

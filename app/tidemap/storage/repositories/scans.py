@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
-from sqlalchemy import Connection, RowMapping, Select, delete, insert, select, update
+from sqlalchemy import Connection, RowMapping, Select, delete, func, insert, select, update
 
 from tidemap.storage.blobs import pack_json, unpack_json
 from tidemap.storage.counters import take
@@ -63,6 +63,12 @@ class ScanRepository:
         if after is not None:
             query = query.where(scan.c.id < after)
         return [_record(row) for row in self._connection.execute(query).mappings()]
+
+    def by_source(self, location_id: int, verdict: str) -> dict[str, int]:
+        """How many scans of a verdict each source has; '' is of those without a name."""
+        own = func.coalesce(scan.c.source, "")
+        query = select(own, func.count()).where(scan.c.location_id == location_id, scan.c.verdict == verdict)
+        return {row[0]: row[1] for row in self._connection.execute(query.group_by(own))}
 
     def find(self, location_id: int, scan_id: int) -> ScanRecord | None:
         """A scan with its points, None where there is none."""

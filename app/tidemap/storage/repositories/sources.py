@@ -1,5 +1,6 @@
 """The repository of sources: which robots measured at what time, of what the log has compacted or pruned."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,6 +10,8 @@ from sqlalchemy.dialects import postgresql, sqlite
 from tidemap.storage.records import LocationRecord
 from tidemap.storage.tables import observation, source
 
+MAX_POSTS = 10_000
+"""Posts among which a location's sources are looked for."""
 UNKNOWN = "*"
 """The source of what was pruned before sources were kept."""
 _OWN = func.coalesce(observation.c.source, "")
@@ -21,6 +24,17 @@ class Stint:
     name: str
     first_time: float
     last_time: float
+
+
+@dataclass(frozen=True, slots=True)
+class SourceActivity:
+    """What a source posted of late: `posts` since a moment, and when one was received and measured last (Unix s)."""
+
+    name: str
+    posts: int
+    measurements: int
+    last_received: float
+    last_measured: float
 
 
 class SourceRepository:
@@ -42,6 +56,21 @@ class SourceRepository:
             source.c.location_id == location.id, source.c.first_time < stop, source.c.last_time >= start
         )
         return [Stint(*row) for query in (log, pruned) for row in self._connection.execute(query)]
+
+    def in_log(self, location: LocationRecord, since: float) -> Sequence[SourceActivity]:
+        """The sources of the newest MAX_POSTS posts that the log has; those received after `since` are counted."""
+        fresh = case((observation.c.received_at >= since, 1), else_=0)
+        query = select(
+            _OWN,
+            func.sum(fresh),
+            func.sum(fresh * observation.c.measurements),
+            func.max(observation.c.received_at),
+            func.max(observation.c.last_time),
+        ).where(
+            observation.c.location_id == location.id,
+            observation.c.id > location.observation_seq - MAX_POSTS,
+        )
+        return [SourceActivity(*row) for row in self._connection.execute(query.group_by(_OWN))]
 
     def keep(self, location_id: int, through: int) -> None:
         """Remember whose observations, up to number `through`, are about to leave the log."""

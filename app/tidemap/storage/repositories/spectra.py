@@ -1,5 +1,6 @@
 """The repository of revisions and their spectra."""
 
+from collections.abc import Collection
 from dataclasses import fields
 
 from sqlalchemy import Connection, bindparam, delete, func, insert, select, update
@@ -31,12 +32,14 @@ class SpectrumRepository:
         row = self._connection.execute(query).mappings().first()
         return None if row is None else RevisionRecord.of(row)
 
-    def current(self) -> dict[int, RevisionRecord]:
-        """The visible revision of every location that has one, by location id."""
+    def current(self, of: Collection[int] | None = None) -> dict[int, RevisionRecord]:
+        """The visible revision of every location that has one, by location id; or of those of some ids."""
         query = select(revision).join(
             location_table,
             (location_table.c.id == revision.c.location_id) & (location_table.c.revision == revision.c.revision),
         )
+        if of is not None:
+            query = query.where(revision.c.location_id.in_(of))
         rows = self._connection.execute(query).mappings()
         return {row["location_id"]: RevisionRecord.of(row) for row in rows}
 

@@ -2,7 +2,7 @@
 
 /**
  * An element that the page's template has.
- * @type {<Id extends string>(id: Id) => Id extends keyof import("../../../types.d.ts").Controls ? import("../types.d.ts").Controls[Id] : HTMLElement}
+ * @type {<Id extends string>(id: Id) => Id extends keyof import("../../../types.d.ts").Controls ? import("../../../types.d.ts").Controls[Id] : HTMLElement}
  */
 export const byId = (id) => /** @type {any} */ (document.getElementById(id));
 

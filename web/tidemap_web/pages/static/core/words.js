@@ -102,3 +102,40 @@ export function durationText(seconds) {
   const [, size, unit] = STEPS.find(([limit]) => seconds < limit) ?? STEPS[STEPS.length - 1];
   return `${Number((seconds / size).toPrecision(3))} ${unit}`;
 }
+
+/** @type {[number, number, string][]} */
+const AGES = [[90, 1, "s"], [5400, 60, "min"], [129600, 3600, "h"], [60 * 86400, 86400, "days"], [Infinity, 30.44 * 86400, "months"]];
+
+/**
+ * How long ago, or in how long, as `relative` of the server's words says it.
+ * @param {number} time
+ * @param {number} now
+ */
+export function relativeText(time, now) {
+  const away = Math.abs(now - time);
+  if (away < 10) return "just now";
+  const [, size, unit] = AGES.find(([limit]) => away < limit) ?? AGES[AGES.length - 1];
+  const text = `${halfEven(away / size)} ${unit}`;
+  return time < now ? `${text} ago` : `in ${text}`;
+}
+
+/**
+ * Rounded as Python rounds: half to even.
+ * @param {number} value
+ */
+function halfEven(value) {
+  const rounded = Math.round(value);
+  return rounded - value === 0.5 && rounded % 2 ? rounded - 1 : rounded;
+}
+
+/**
+ * A share in percent, or a dash.
+ * @param {number | null} share
+ */
+export const percentText = (share) => (share === null ? "–" : `${(100 * share).toFixed(1)} %`);
+
+/**
+ * A whole number with thousands apart.
+ * @param {number} number
+ */
+export const countText = (number) => number.toLocaleString("en");

@@ -1,64 +1,14 @@
 // Predicted probability and what was observed, over time: a curve, and two strips below it.
 
-import { dayText, clockText, offsetOf, timeText, zoneText } from "./words.js";
-/** @import { ChartState, Plot } from "../../../types.d.ts" */
+import { colours, verdictOf } from "../core/colours.js";
+import { stepOf, tickTexts, ticksOf } from "../core/ticks.js";
+import { timeText, zoneText } from "../core/words.js";
+/** @import { ChartState, Plot, Series } from "../../../../types.d.ts" */
 
 /* global uPlot */
-const STRIP = 12;
+const STRIP = 10;
+const ROWS = 3;
 const ANOMALY_MIN_PX = 3;
-
-/** @returns {Record<string, string>} */
-export function colours() {
-  const style = getComputedStyle(document.documentElement);
-  /** @param {string} name */
-  const of = (name) => style.getPropertyValue(`--${name}`).trim();
-  return Object.fromEntries(
-    ["ink", "quiet", "line", "grid", "predicted", "occupied", "free", "anomaly", "future", "paper"].map((n) => [n, of(n)]),
-  );
-}
-
-/**
- * Ticks on whole local hours, days or weeks.
- * @param {string} zone
- */
-function splits(zone) {
-  const steps = [300, 900, 1800, 3600, 7200, 10800, 21600, 43200, 86400, 172800, 604800, 1209600, 2419200, 7257600];
-  /** @type {(chart: Plot, axis: number, low: number, high: number) => number[]} */
-  const ticksOf = (chart, _axis, low, high) => {
-    const wanted = Math.max(2, chart.bbox.width / devicePixelRatio / 95);
-    const step = steps.find((s) => (high - low) / s <= wanted) ?? 14515200;
-    const monday = 4 * 86400; // the epoch was a Thursday
-    /** @type {number[]} */
-    const ticks = [];
-    const offset = offsetOf(low, zone);
-    let local = Math.ceil((low + offset - monday) / step) * step + monday;
-    for (; ; local += step) {
-      let time = local - offset;
-      time = local - offsetOf(time, zone);
-      if (time > high) return ticks;
-      if (time >= low) ticks.push(time);
-    }
-  };
-  return ticksOf;
-}
-
-/** @param {string} zone */
-function tickTexts(zone) {
-  /** @type {(chart: Plot, ticks: number[]) => string[]} */
-  const texts = (_chart, ticks) => {
-    let day = "";
-    return ticks.map((time) => {
-      const text = dayText(time, zone);
-      const clock = clockText(time, zone, false);
-      const whole = ticks.length > 1 && ticks[1] - ticks[0] >= 86400 - 3600;
-      if (whole) return text;
-      const label = text === day ? clock : `${clock}\n${text}`;
-      day = text;
-      return label;
-    });
-  };
-  return texts;
-}
 
 /**
  * Runs of equal values as [first, past, value].
@@ -85,25 +35,44 @@ function drawStrips(state) {
     const times = state.series.time;
     const step = state.step;
     const x = (/** @type {number} */ time) => Math.min(bbox.left + bbox.width, Math.max(bbox.left, chart.valToPos(time, "x", true)));
-    const row = (/** @type {number} */ index) => bbox.top + bbox.height - (2 - index) * (STRIP + 4) * ratio + 2 * ratio;
+    const row = (/** @type {number} */ index) => bbox.top + bbox.height - (ROWS - index) * (STRIP + 3) * ratio + 2 * ratio;
     ctx.save();
-    for (const [index, values] of [state.series.state, state.series.observed].entries()) {
+    const says = state.series.probability.map((p) => verdictOf(p, state.confidence));
+    for (const [index, values] of [says, state.series.observed].entries()) {
       for (const [first, past, value] of runs(values)) {
         if (value === null) continue;
         const left = x(times[first]);
-        ctx.fillStyle = value ? (index ? c.occupied : c.predicted) : c.free;
+        ctx.fillStyle = [c.free, index ? c.occupied : c.predicted, c.uncertain][value];
         ctx.fillRect(left, row(index), Math.max(ratio, x(times[past - 1] + step) - left), STRIP * ratio);
       }
+    }
+    ctx.fillStyle = c.quiet;
+    for (const [start, stop] of state.outliers) {
+      const left = x(start);
+      if (x(stop) > left) ctx.fillRect(left, row(2), Math.max(ratio, x(stop) - left), (STRIP / 2) * ratio);
     }
     ctx.fillStyle = c.anomaly;
     for (const event of state.events) {
       const left = x(event.start);
       const right = x(event.stop);
       if (right <= bbox.left || left >= bbox.left + bbox.width) continue;
-      ctx.fillRect(left, row(1) - 3 * ratio, Math.max(ANOMALY_MIN_PX * ratio, right - left), (STRIP + 6) * ratio);
+      ctx.fillRect(left, row(1) - 2 * ratio, Math.max(ANOMALY_MIN_PX * ratio, right - left), (STRIP + 4) * ratio);
+      drawJudgement(chart, event.start, event.probability);
     }
     ctx.restore();
   };
+}
+
+/**
+ * What was expected of an event when it was judged, by the revision of then.
+ * @param {Plot} chart
+ * @param {number} time
+ * @param {number} probability
+ */
+function drawJudgement({ ctx, valToPos }, time, probability) {
+  ctx.beginPath();
+  ctx.arc(valToPos(time, "x", true), valToPos(probability, "y", true), 4 * devicePixelRatio, 0, 2 * Math.PI);
+  ctx.fill();
 }
 
 /** @param {ChartState} state */
@@ -156,7 +125,11 @@ function drawBack(state) {
   };
 }
 
-export function legendHtml() {
+/**
+ * What the chart's colours mean.
+ * @param {number} revision that the curve is of
+ */
+export function legendOf(revision) {
   const c = colours();
   /**
    * @param {string} kind
@@ -166,18 +139,21 @@ export function legendHtml() {
   const item = (kind, colour, text) => {
     const mark = document.createElement("i");
     mark.className = kind;
-    mark.style[kind ? "borderTopColor" : "backgroundColor"] = colour;
+    mark.style[kind === "line" || kind === "dash" ? "borderTopColor" : "backgroundColor"] = colour;
     const label = document.createElement("span");
     label.append(mark, text);
     return label;
   };
   return [
-    item("line", c.predicted, "predicted probability of occupied"),
+    item("line", c.predicted, revision ? `probability of occupied, by revision ${revision}` : "no model yet"),
     item("dash", c.quiet, "confidence"),
-    item("", c.predicted, "upper strip: predicted occupied"),
-    item("", c.occupied, "lower strip: observed occupied"),
+    item("", c.predicted, "first strip: predicted occupied"),
+    item("", c.occupied, "second: observed occupied"),
+    item("", c.uncertain, "uncertain"),
     item("", c.free, "free"),
+    item("", c.quiet, "third: differs from the prediction"),
     item("", c.anomaly, "anomaly"),
+    item("dot", c.anomaly, "what was expected when it was judged"),
   ];
 }
 
@@ -214,10 +190,10 @@ export function draw(host, reading, state, zone, zoomed) {
       padding: [8, 6, 0, 0],
       legend: { show: false },
       cursor: { y: false, drag: { x: true, y: false, setScale: false } },
-      scales: { x: { time: true }, y: { range: [-0.16, 1.1] } },
+      scales: { x: { time: true }, y: { range: [-0.2, 1.1] } },
       series: [{}, { stroke: c.predicted, width: 2, points: { show: false } }],
       axes: [
-        { stroke: c.quiet, grid: { stroke: c.grid }, ticks: { stroke: c.grid }, splits: splits(zone), values: tickTexts(zone), size: 46 },
+        timeAxis(c, zone),
         {
           stroke: c.quiet, grid: { stroke: c.grid }, ticks: { show: false }, size: 46,
           splits: () => [0, 0.25, 0.5, 0.75, 1],
@@ -242,4 +218,59 @@ export function draw(host, reading, state, zone, zoomed) {
     host,
   );
   return chart;
+}
+
+/**
+ * All of a history, with the range of the chart to drag or to draw anew; calls `zoomed(start, stop)` after that.
+ * @param {HTMLElement} host
+ * @param {Series} series
+ * @param {[number, number]} range
+ * @param {string} zone
+ * @param {(start: number, stop: number) => void} zoomed
+ */
+export function brush(host, series, range, zone, zoomed) {
+  const c = colours();
+  let set = false;
+  return new uPlot(
+    {
+      width: host.clientWidth,
+      height: 76,
+      padding: [4, 6, 0, 0],
+      legend: { show: false },
+      cursor: { x: false, y: false, points: { show: false }, drag: { x: true, y: false, setScale: false } },
+      scales: { x: { time: true }, y: { range: [0, 1] } },
+      series: [{}, { stroke: c.predicted, width: 1, points: { show: false } }],
+      axes: [{ ...timeAxis(c, zone), size: 40 }, { size: 46, stroke: c.quiet, grid: { show: false }, ticks: { show: false }, values: () => [] }],
+      hooks: {
+        ready: [
+          (/** @type {Plot} */ made) => {
+            const [left, right] = range.map((time) => Math.min(made.over.clientWidth, Math.max(0, made.valToPos(time, "x", false))));
+            made.setSelect({ left, width: right - left, top: 0, height: made.over.clientHeight }, false);
+            set = true;
+          },
+        ],
+        setSelect: [
+          (/** @type {Plot} */ made) => {
+            const { left, width } = made.select;
+            if (set && width >= 3) zoomed(made.posToVal(left, "x"), made.posToVal(left + width, "x"));
+          },
+        ],
+      },
+    },
+    [series.time, series.probability],
+    host,
+  );
+}
+
+/**
+ * @param {Record<string, string>} c
+ * @param {string} zone
+ */
+function timeAxis(c, zone) {
+  return {
+    stroke: c.quiet, grid: { stroke: c.grid }, ticks: { stroke: c.grid }, size: 46,
+    splits: (/** @type {Plot} */ made, /** @type {number} */ _axis, /** @type {number} */ low, /** @type {number} */ high) =>
+      ticksOf(low, high, stepOf(high - low, Math.max(2, made.bbox.width / devicePixelRatio / 95)), zone),
+    values: (/** @type {Plot} */ _made, /** @type {number[]} */ ticks) => tickTexts(ticks, zone),
+  };
 }

@@ -1,0 +1,49 @@
+"""Locations for the pages, and what the browser complains about."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
+
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import Page
+
+from tests.support.viewer import post
+
+START = datetime(2026, 3, 2, tzinfo=UTC)
+DAYS = 14
+SERIOUS = {"moderate", "serious", "critical"}
+
+
+def make_door(url: str, name: str) -> None:
+    """A door that is open from 08:00 to 18:00 every day, with a model; then open once at 03:00."""
+    post(url, "/locations", {"name": name, "kind": "state", "interval_s": 600, "time_zone": "Europe/London"})
+    moments = [START + timedelta(minutes=10 * i) for i in range(144 * DAYS)]
+    body = {
+        "time": [moment.timestamp() for moment in moments],
+        "state": [int(8 <= moment.hour < 18) for moment in moments],
+    }
+    post(url, f"/locations/{name}/observations", body)
+    assert post(url, f"/locations/{name}/update?wait=60", {"estimator": "fft", "order": 3})["state"] == "done"
+    at_night = (START + timedelta(days=DAYS, hours=3)).timestamp()
+    answer = post(url, f"/locations/{name}/observations", {"time": [at_night], "state": [1]})
+    assert len(answer["anomalies"]) == 1
+
+
+@contextmanager
+def no_complaints(page: Page) -> Iterator[None]:
+    """The browser has nothing to complain about meanwhile, such as breaches of the content security policy."""
+    said: list[str] = []
+    page.on("console", lambda message: said.append(message.text) if message.type == "error" else None)
+    page.on("pageerror", lambda error: said.append(str(error)))
+    yield
+    assert said == []
+
+
+def barriers(page: Page) -> list[str]:
+    """What keeps some people from using the page, as axe finds it: moderate and worse."""
+    found = Axe().run(page).response["violations"]
+    return [
+        f"{each['id']} ({each['impact']}): {each['nodes'][0]['html'][:120]}"
+        for each in found
+        if each["impact"] in SERIOUS
+    ]

@@ -1,0 +1,139 @@
+"""Which cells are shown in which colour."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.unit.web.states import NOW, map_view
+from tidemap.space.grid import GridGeometry
+from tidemap_web.viewer import colors
+from tidemap_web.viewer.board import Board, Picture, Taste
+from tidemap_web.viewer.painting import RECOLOURED, RESHAPED, TILE
+
+GRID = GridGeometry("map", (0.0, 0.0, 0.0), 0.5, (2, 3, 4))
+OLD = NOW - 9999
+LEFT, RIGHT = 0, 1
+Rgb = colors.Rgb
+
+
+def colored(board: Board, side: int) -> dict[int, Rgb]:
+    """The colour of every cell that a grid shows."""
+    rows = board.shown(side)
+    return dict(zip(board.cell[rows].tolist(), map(tuple, board.colors(side, rows).tolist()), strict=True))
+
+
+def painted(*view: Any, taste: Taste | None = None, **more: Any) -> tuple[Board, Picture]:
+    shown = map_view(GRID, *view, **more)
+    board = Board(GRID, shown)
+    return board, board.paint(shown, shown.seen, taste or Taste(dim=False))
+
+
+def of(probability: float) -> Rgb:
+    red, green, blue = colors.of_probability(np.array([probability], np.float32))[0].tolist()
+    return red, green, blue
+
+
+def test_predicted_cells_have_the_colour_of_their_probability_above_the_floor() -> None:
+    board, _ = painted({0: 1.0, 5: 0.5, 23: 0.02})
+    assert colored(board, LEFT) == {0: of(1.0), 5: of(0.5)}
+    assert board.points(board.shown(LEFT)).tolist() == [[0.5, 0.5, 0.5], [0.5, 1.5, 1.5]]
+
+
+P = dict(enumerate([0.95, 0.05, 0.95, 0.05, 0.95, 0.5, 0.05]))
+SEEN = {0: (1, NOW), 1: (1, NOW), 2: (0, NOW), 3: (0, NOW), 4: (1, OLD), 6: (1, OLD)}
+
+
+def test_observed_cells_are_occupied_unexpected_missing_or_stale() -> None:
+    board, picture = painted(P, SEEN)
+    assert colored(board, RIGHT) == {
+        0: colors.OCCUPIED,
+        1: colors.UNEXPECTED,
+        2: colors.MISSING,
+        4: colors.STALE,
+        6: colors.STALE,  # too long ago to be judged
+    }
+    assert (picture.unexpected, picture.missing, picture.stale) == (1, 1, 2)
+
+
+def test_the_confidence_decides_what_is_marked() -> None:
+    for confidence, unexpected in ((0.6, 1), (0.8, 0)):
+        assert painted({0: 0.3}, {0: (1, NOW)}, confidence=confidence)[1].unexpected == unexpected
+
+
+def test_what_is_always_occupied_is_grey_and_lighter_where_it_is_higher() -> None:
+    usual = {0: 0.99, 5: 0.5, 23: 0.99}
+    seen: Mapping[int, tuple[int, float]] = {0: (1, NOW), 5: (1, NOW), 23: (1, OLD)}
+    board, picture = painted({0: 0.99, 5: 0.99, 23: 0.96}, seen, mean=usual, taste=Taste())
+    low, high = colors.STRUCTURE
+    assert colored(board, LEFT) == {0: low, 5: of(0.99), 23: high}
+    assert colored(board, RIGHT) == {0: low, 5: colors.OCCUPIED, 23: high}
+    assert (picture.structure, picture.stale) == (2, 0)
+
+
+def test_structure_that_is_gone_is_marked() -> None:
+    board, _ = painted({0: 0.99}, {0: (0, NOW)}, mean={0: 0.99}, taste=Taste())
+    assert colored(board, RIGHT) == {0: colors.MISSING}
+
+
+def test_without_sightings_nothing_is_observed() -> None:
+    assert colored(painted({0: 1.0})[0], RIGHT) == {}
+
+
+def test_a_slice_shows_some_heights() -> None:
+    board, _ = painted({0: 1.0, 1: 1.0, 2: 1.0, 3: 1.0}, taste=Taste(low=1, high=2))
+    assert sorted(colored(board, LEFT)) == [1, 2]
+
+
+def test_verdicts_are_three_and_entropy_is_highest_in_the_middle() -> None:
+    p = {0: 0.95, 1: 0.5, 2: 0.05}
+    verdicts = colored(painted(p, taste=Taste(floor=0.0, predicted="verdict"))[0], LEFT)
+    assert verdicts == {0: of(1.0), 1: of(0.5), 2: of(0.1)}
+    entropy = colored(painted(p, taste=Taste(floor=0.0, predicted="entropy"))[0], LEFT)
+    assert entropy[1] == of(1.0)
+    assert entropy[0] == pytest.approx(entropy[2], abs=3)
+
+
+def test_ages_are_brightest_where_they_are_newest() -> None:
+    seen = {0: (1, NOW), 1: (1, NOW - 7200), 2: (0, NOW - 90 * 86400)}
+    board, _ = painted({0: 0.5, 1: 0.5, 2: 0.5}, seen, taste=Taste(observed="age"))
+    found = colored(board, RIGHT)
+    assert found[0] == of(1.0)
+    assert found[2] == of(0.1)
+    assert sum(found[0]) > sum(found[1]) > sum(found[2])
+
+
+def test_an_overlay_puts_marks_over_the_prediction() -> None:
+    board, _ = painted(P, SEEN, taste=Taste(dim=False, layout="overlay"))
+    assert colored(board, LEFT) == {
+        **{cell: of(P[cell]) for cell in (0, 4, 5)},
+        1: colors.UNEXPECTED,
+        2: colors.MISSING,
+    }
+    assert colored(board, RIGHT) == {}
+
+
+def test_differences_are_of_what_was_seen_lately_and_otherwise() -> None:
+    board, _ = painted(P, SEEN, taste=Taste(layout="difference"))
+    found = colored(board, LEFT)
+    assert sorted(found) == [1, 2]
+    assert found[1] == pytest.approx(colors.UNEXPECTED, abs=12)
+    assert found[2] == pytest.approx(colors.MISSING, abs=12)
+
+
+def test_only_the_tiles_of_cells_that_have_changed_are_drawn_again() -> None:
+    grid = GridGeometry("map", (0.0, 0.0, 0.0), 0.1, (TILE // 64, 64, 3))
+    view = map_view(grid, dict.fromkeys(range(grid.n_cells), 0.5))
+    board = Board(grid, view)
+    assert (board.paint(view, view.seen, Taste()).changed[LEFT] == RESHAPED).all()
+    assert not board.paint(view, view.seen, Taste()).changed.any()
+    view.probability[TILE + 1] = 0.6
+    view.probability[2 * TILE + 1] = 0.0
+    assert board.paint(view, view.seen, Taste()).changed.tolist() == [[0, RECOLOURED, RESHAPED], [0, 0, 0]]
+
+
+def test_a_flat_grid_lies_on_the_ground() -> None:
+    flat = GridGeometry("map", (0.0, 0.0, 0.0), 0.5, (2, 3))
+    board = Board(flat, map_view(flat, {0: 0.5, 5: 0.5}))
+    assert board.index.tolist() == [[0, 0, 0], [1, 2, 0]]

@@ -1,0 +1,57 @@
+// Ticks on whole local hours, days and weeks, and what they are labelled with.
+
+import { clockText, dayText, offsetOf } from "./words.js";
+
+const DAY = 86400;
+const MONDAY = 4 * DAY; // the epoch was a Thursday
+const STEPS = [
+  60, 300, 900, 1800, 3600, 7200, 10800, 21600, 43200, DAY, 2 * DAY, 7 * DAY, 14 * DAY, 28 * DAY, 84 * DAY, 168 * DAY, 364 * DAY,
+];
+const MAX_TICKS = 200;
+
+/**
+ * The least step in seconds that fits into a range no more often than so.
+ * @param {number} length
+ * @param {number} most
+ */
+export function stepOf(length, most) {
+  return STEPS.find((step) => length / step <= most) ?? Math.ceil(length / most / (364 * DAY)) * 364 * DAY;
+}
+
+/**
+ * The moments of [low, high] at which the local clock shows a whole multiple of a step, ascending.
+ * @param {number} low
+ * @param {number} high
+ * @param {number} step
+ * @param {string} zone
+ * @returns {number[]}
+ */
+export function ticksOf(low, high, step, zone) {
+  /** @type {number[]} */
+  const ticks = [];
+  const offset = offsetOf(low, zone);
+  let local = Math.ceil((low + offset - MONDAY) / step) * step + MONDAY;
+  for (let i = 0; i < MAX_TICKS; i++, local += step) {
+    const time = local - offsetOf(local - offset, zone);
+    if (time > high) break;
+    if (time >= low) ticks.push(time);
+  }
+  return ticks;
+}
+
+/**
+ * The label of each tick: the clock, with the day below it where another one begins; days alone where steps are days.
+ * @param {number[]} ticks
+ * @param {string} zone
+ * @returns {string[]}
+ */
+export function tickTexts(ticks, zone) {
+  const days = ticks.length > 1 && ticks[1] - ticks[0] >= DAY - 3600;
+  let before = "";
+  return ticks.map((time) => {
+    const day = dayText(time, zone);
+    const text = days ? day : day === before ? clockText(time, zone, false) : `${clockText(time, zone, false)}\n${day}`;
+    before = day;
+    return text;
+  });
+}

@@ -1,0 +1,183 @@
+"""The board: the cells of one grid at one revision in tiles, and the colour each has now."""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tidemap.history.history import NEVER, UNOBSERVED
+from tidemap.history.timebase import TimeBase
+from tidemap.services.context import Seen
+from tidemap.services.map_view import MapView, usual
+from tidemap.space.grid import GridGeometry
+from tidemap_web.viewer import colors
+from tidemap_web.viewer.layers import (
+    AGES_S,
+    DIFFERENCE,
+    OBSERVED,
+    OVERLAY_MARKS,
+    PREDICTED,
+    Layer,
+    LayoutName,
+    ObservedName,
+    PredictedName,
+)
+from tidemap_web.viewer.layout import Bounds
+from tidemap_web.viewer.painting import (
+    COUNTS,
+    HIDDEN,
+    MARKS,
+    MISSING,
+    SHOWN_LEFT,
+    SHOWN_RIGHT,
+    STALE,
+    TILE,
+    UNEXPECTED,
+    WALLS,
+    paint,
+)
+
+ALWAYS: Final = 0.95
+"""Probability without any rhythm from which on a cell counts as always occupied."""
+EXACT_FLOAT16: Final = 1024
+"""Halves of numbers up to this are exact in float16."""
+NO_LAYER: Final = Layer(-1, np.zeros(1, np.uint16), walls=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Taste:
+    """What to show: predicted cells with p >= `floor`, of heights `low` to `high` in grid steps; sightings up to
+    `fresh_s` old are judged. With `dim` what is always occupied is grey, and only what changes is coloured."""
+
+    floor: float = 0.1
+    fresh_s: float = 3600.0
+    dim: bool = True
+    low: int = 0
+    high: int = 65535
+    layout: LayoutName = "beside"
+    predicted: PredictedName = "probability"
+    observed: ObservedName = "seen"
+
+    def layers(self) -> tuple[Layer, Layer]:
+        """Of the left grid and of the right one; `NO_LAYER` shows nothing."""
+        if self.layout == "difference":
+            return DIFFERENCE, NO_LAYER
+        right = OBSERVED[self.observed] if self.layout == "beside" else NO_LAYER
+        return PREDICTED[self.predicted], right
+
+    def over(self) -> NDArray[np.uint16]:
+        """(MARKS,) codes that an overlay puts over the left grid."""
+        codes = np.full(MARKS, HIDDEN, np.uint16)
+        if self.layout == "overlay":
+            codes[list(OVERLAY_MARKS)] = list(OVERLAY_MARKS.values())
+        return codes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """Which tiles have changed, (2, n_tiles) of `painting`'s bits, how many cells the left grid and the right one show,
+    and how many carry which mark."""
+
+    changed: NDArray[np.uint8]
+    shown: tuple[int, int]
+    unexpected: int
+    missing: int
+    stale: int
+    structure: int
+
+
+class Board:
+    """The cells that have been observed, those that have a rhythm first: a step in time touches few tiles.
+
+    `index` (n, 3) in grid steps, `cell` (n,) their numbers; `codes` (2, n): of the left grid and of the right one.
+    """
+
+    def __init__(self, grid: GridGeometry, view: MapView) -> None:
+        self.grid = grid
+        self.loaded = view.loaded
+        changing = np.zeros(grid.n_cells, np.bool_)
+        changing[view.loaded.spectrum.cell] = True
+        known = view.loaded.known
+        self.cell = np.concatenate((known[changing[known]], known[~changing[known]])).astype(np.int32)
+        self.index = grid.index(self.cell).astype(np.int32)
+        self.bounds = Bounds.of(grid, self.index)
+        exact = max(grid.shape) <= EXACT_FLOAT16
+        self.precision = np.dtype(np.float16 if exact else np.float32)
+        self._point = (self.index + 0.5).astype(self.precision)
+        self._grey = colors.code_of_height(_height(self.index))
+        self._height = self.index[:, 2].astype(np.uint16)
+        self._always = usual(view.loaded) >= ALWAYS
+        self._unseen = Seen(np.full(grid.n_cells, UNOBSERVED, np.uint8), np.full(grid.n_cells, NEVER, np.int64))
+        self.codes = np.full((2, len(self.cell)), HIDDEN, np.uint16)
+
+    @property
+    def n_tiles(self) -> int:
+        """Tiles of one grid."""
+        return -(-len(self.cell) // TILE)
+
+    def paint(self, view: MapView, seen: Seen | None, taste: Taste) -> Picture:
+        """Colour every cell for a view of this revision; some 5 ms for a million cells."""
+        base, seen = view.location.base, seen or self._unseen
+        changed, counts = np.zeros((2, self.n_tiles), np.uint8), np.zeros(COUNTS, np.int64)
+        left, right = taste.layers()
+        paint(
+            *(self.cell, self._grey, self._height),
+            view.probability,
+            seen.state,
+            seen.sample,
+            self._always,
+            (np.float32(view.confidence), np.float32(1 - view.confidence), np.float32(taste.floor)),
+            (*_samples(base, view.time, taste.fresh_s), taste.low, taste.high),
+            taste.dim,
+            (left.source, right.source),
+            (left.walls, right.walls),
+            *(left.table, right.table, taste.over()),
+            np.ceil(np.array(AGES_S) / base.interval_s).astype(np.int64),
+            *(self.codes, changed, counts),
+        )
+        return Picture(
+            changed,
+            shown=(int(counts[SHOWN_LEFT]), int(counts[SHOWN_RIGHT])),
+            unexpected=int(counts[UNEXPECTED]),
+            missing=int(counts[MISSING]),
+            stale=int(counts[STALE]),
+            structure=int(counts[WALLS]),
+        )
+
+    def shown(self, side: int, tile: int | None = None) -> NDArray[np.intp]:
+        """The rows that one grid, or one tile of it, shows."""
+        first = 0 if tile is None else tile * TILE
+        stop = None if tile is None else first + TILE
+        return first + np.flatnonzero(self.codes[side, first:stop] != HIDDEN)
+
+    def points(self, rows: NDArray[np.intp]) -> NDArray[np.floating]:
+        """(m, 3) the centres of cells in grid steps."""
+        return self._point[rows]
+
+    def colors(self, side: int, rows: NDArray[np.intp]) -> NDArray[np.uint8]:
+        """(m, 3) what one grid shows them in."""
+        return np.asarray(colors.PALETTE[self.codes[side, rows]], np.uint8)
+
+
+def _height(index: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Height (n,) of cells from 0 (lowest layer) to 1 (highest); 0.5 where there is one layer."""
+    k = index[:, 2].astype(np.float64)
+    low, high = (k.min(), k.max()) if len(k) else (0.0, 0.0)
+    return (k - low) / (high - low) if high > low else np.full(len(k), 0.5)
+
+
+def _samples(base: TimeBase, time: float, fresh_s: float) -> tuple[int, int]:
+    """The oldest sample that is judged at a time, by its start, and the one that is shown."""
+    return math.ceil((time - fresh_s - base.epoch) / base.interval_s), int(base.sample(time))
+
+
+def warm() -> None:
+    """Compile what paints, or load it from the cache on disk, before somebody waits for it."""
+    none, codes, tiles = np.zeros(1, np.uint16), np.zeros((2, 1), np.uint16), np.zeros((2, 1), np.uint8)
+    known = (np.ones(1, np.float32), np.zeros(1, np.uint8), np.zeros(1, np.int64), np.zeros(1, np.bool_))
+    limits, moment = (np.float32(0.5),) * 3, (0, 0, 0, 0)
+    layers = ((-1, -1), (False, False), none, none)
+    over, ages, counts = np.zeros(MARKS, np.uint16), np.zeros(1, np.int64), np.zeros(COUNTS, np.int64)
+    paint(np.zeros(1, np.int32), none, none, *known, limits, moment, False, *layers, over, ages, codes, tiles, counts)

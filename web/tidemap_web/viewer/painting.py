@@ -1,0 +1,119 @@
+"""Painting: the code of every cell's colour in both grids, and which tiles of cells have changed, in one pass."""
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tidemap.history.jit import kernel
+
+HIDDEN: Final = np.uint16(0xFFFF)
+TILE: Final = 1 << 14
+"""Cells of a tile: what a browser is sent together. One that changes costs 3 to 9 bytes for each of its cells."""
+LEVELS: Final = 256
+MARKS: Final = 6
+COUNTS: Final = MARKS + 3
+WALLS, SHOWN_LEFT, SHOWN_RIGHT = range(MARKS, COUNTS)
+"""What is counted beside marks: what is always occupied, and the cells that each grid shows."""
+NOTHING, OCCUPIED, EXPECTED_FREE, UNEXPECTED, MISSING, STALE = range(MARKS)
+BY_PROBABILITY, BY_MARK, BY_AGE, BY_DIFFERENCE = range(4)
+WALL: Final = np.float32(0.95)
+"""Probability from which on what is always occupied counts as a wall now."""
+RECOLOURED, RESHAPED = np.uint8(1), np.uint8(2)
+"""What has become of a tile: other colours of the same cells; other cells."""
+
+
+@kernel
+def mark_of(seen: Any, fresh: bool, p: Any, confidence: Any) -> Any:
+    """What a sighting says beside what was expected. An old one says nothing about now."""
+    if seen == 1:
+        if not fresh:
+            return STALE
+        return UNEXPECTED if np.float32(1) - p > confidence else OCCUPIED
+    if seen == 0:
+        return MISSING if fresh and p > confidence else EXPECTED_FREE
+    return NOTHING
+
+
+@kernel
+def row_of(source: int, mark: int, seen: Any, fresh: bool, step: int, p: Any, limits: Any) -> int:
+    """The row of a layer's table that a cell has; -1 where the layer does not show it. limits: as rules of `paint`."""
+    confidence, free_below, floor = limits
+    if source == BY_PROBABILITY:
+        if not p >= floor:  # nor where there is no model, and p is NaN
+            return -1
+        verdict = 1 if p > confidence else 0 if p < free_below else 2
+        return verdict * LEVELS + int(p * np.float32(255) + np.float32(0.5))
+    if source == BY_MARK:
+        return mark
+    if seen > 1:
+        return -1
+    if source == BY_AGE:
+        return step
+    if source == BY_DIFFERENCE and fresh and p == p:
+        return int((np.float32(seen) - p + np.float32(1)) * np.float32(127.5) + np.float32(0.5))
+    return -1
+
+
+@kernel
+def paint(
+    number: NDArray[np.int32],
+    grey: NDArray[np.uint16],
+    height: NDArray[np.uint16],
+    p_of: NDArray[np.float32],
+    state: NDArray[np.uint8],
+    sample: NDArray[np.int64],
+    always: NDArray[np.bool_],
+    limits: tuple[Any, ...],
+    moment: tuple[int, int, int, int],
+    dim: bool,
+    sources: tuple[int, int],
+    walls: tuple[bool, bool],
+    left: NDArray[np.uint16],
+    right: NDArray[np.uint16],
+    over: NDArray[np.uint16],
+    ages: NDArray[np.int64],
+    codes: NDArray[np.uint16],
+    changed: NDArray[np.uint8],
+    counts: NDArray[np.int64],
+) -> None:
+    """Write `codes` (2, n) anew; set bits of `changed` (2, n_tiles) and add to `counts` (COUNTS,).
+
+    number, grey, height (n,): of the cells to draw, height in grid steps. p_of, state, sample, always (n_cells,): p,
+    what was last seen, its sample, whether always occupied. limits: confidence, 1 - confidence and floor, float32.
+    moment: the oldest sample that is judged, the one that is shown, lowest and highest height. dim: whether walls are
+    grey. sources, walls, left, right: of each grid's layer. over (MARKS,): what the left grid shows of marks, HIDDEN
+    for nothing else. ages: in samples, ascending. Every array is an argument of its own: taken out of a tuple it would
+    be counted for every cell.
+    """
+    oldest, now, low, high = moment
+    aged = sources[0] == BY_AGE or sources[1] == BY_AGE
+    for i in range(number.size):
+        cell = number[i]
+        p, seen, at = p_of[cell], state[cell], sample[cell]
+        first = second = HIDDEN
+        if low <= height[i] <= high:
+            fresh = seen < 2 and at >= oldest
+            mark = mark_of(seen, fresh, p, limits[0])
+            wall = dim and always[cell] and p >= WALL
+            counts[WALLS if wall and mark == STALE else mark] += 1
+            counts[WALLS] += wall and mark != STALE
+            step = 0
+            while aged and step < ages.size and now - at >= ages[step]:
+                step += 1
+            row = row_of(sources[0], mark, seen, fresh, step, p, limits)
+            if row >= 0:
+                first = grey[i] if wall and walls[0] else left[row]
+            if over[mark] != HIDDEN:
+                first = over[mark]
+            row = row_of(sources[1], mark, seen, fresh, step, p, limits)
+            if row >= 0:
+                second = grey[i] if wall and walls[1] and mark in (OCCUPIED, STALE) else right[row]
+        counts[SHOWN_LEFT] += first != HIDDEN
+        counts[SHOWN_RIGHT] += second != HIDDEN
+        if codes[0, i] != first:
+            changed[0, i // TILE] |= RESHAPED if codes[0, i] == HIDDEN or first == HIDDEN else RECOLOURED
+            codes[0, i] = first
+        if codes[1, i] != second:
+            changed[1, i // TILE] |= RESHAPED if codes[1, i] == HIDDEN or second == HIDDEN else RECOLOURED
+            codes[1, i] = second
