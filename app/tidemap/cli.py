@@ -106,7 +106,12 @@ def _add_serve(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") 
 def _add_demo(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     demo = commands.add_parser("demo", help="seed the simulated building through the API and keep its robot running")
     add_server(demo, "an admin")
-    demo.add_argument("--no-live", action="store_true", help="end when the three weeks are posted")
+    demo.add_argument(
+        "--sensors",
+        action="store_true",
+        help="instead a laboratory, seen by a depth camera and a laser: a week of scans, which takes some ten minutes",
+    )
+    demo.add_argument("--no-live", action="store_true", help="end when the history is posted")
     demo.set_defaults(command=_demo)
 
 
@@ -243,15 +248,17 @@ def _demo(arguments: argparse.Namespace) -> int:
     from threading import Event
 
     from tidemap.client import TidemapError as ServerError
-    from tidemap.demo import live
-    from tidemap.demo.seed import seed
+    from tidemap.demo import lab_seed, live, seed
 
     log.configure("info")
     try:
         with client_of(arguments) as client:
-            seed(client)
+            if arguments.sensors:
+                lab_seed.seed(client)
+            else:
+                seed.seed(client)
             if not arguments.no_live:
-                live.run(client, Event())
+                live.run(client, Event(), begin=lab_seed.LabPatrol if arguments.sensors else live.Rounds)
     except ServerError as error:
         return failed(str(error))
     return DONE

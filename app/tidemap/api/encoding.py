@@ -21,12 +21,12 @@ from tidemap.formats.table import Column, Labels, Nullable
 from tidemap.history.history import UNOBSERVED
 from tidemap.media_types import ARROW, JSON, NPY
 from tidemap.schemas.common import iso
-from tidemap.services.buffer_pool import BufferLease
+from tidemap.services.context import Context
 from tidemap.services.information import InformationView
 from tidemap.services.predict import PredictionView
 from tidemap.services.series import SeriesView
-from tidemap.services.state import StateFacts, StateView
-from tidemap.services.state_buffer import StateBuffer
+from tidemap.services.state import Asked, BufferedState, StateFacts, StateView, buffer_of, grid_of, view_of
+from tidemap.services.state_buffer import seen_columns
 from tidemap.spectral.prediction import VERDICTS
 
 PIECE_BYTES = 1 << 16
@@ -93,9 +93,23 @@ class LeasedResponse(Response):
             await send({"type": "http.response.body", "body": b""})
 
 
-def encode_buffer(facts: StateFacts, lease: BufferLease[StateBuffer]) -> Response:
+def encode_answer(ctx: Context, asked: Asked, media_type: str) -> Response:
+    """The answer to a question for one time, in JSON, Arrow or npy; a whole map in Arrow from its buffer."""
+    response = _encoded(ctx, asked, media_type)
+    response.headers["Tidemap-Revision"] = str(asked.facts().revision)
+    return response
+
+
+def _encoded(ctx: Context, asked: Asked, media_type: str) -> Response:
+    if media_type == NPY:
+        return encode_grid(grid_of(ctx, asked))
+    buffered = buffer_of(ctx, asked) if media_type == ARROW else None
+    return encode_state(view_of(ctx, asked), media_type) if buffered is None else encode_buffer(buffered)
+
+
+def encode_buffer(answer: BufferedState) -> Response:
     """The answer to a question about a whole map, in Arrow."""
-    return Parts((lease.value.arrow.head(_state_facts(facts)), lease.memory.data), ARROW)
+    return Parts((answer.lease.value.arrow.head(_state_facts(answer.facts)), answer.lease.memory.data), ARROW)
 
 
 def encode_grid(grid: NDArray[np.float32]) -> Response:
@@ -131,8 +145,7 @@ def _state_columns(view: StateView) -> dict[str, Column]:
         "verdict": Labels(view.verdict, VERDICTS),
     }
     if view.observed is not None and view.observed_time is not None:
-        columns["observed"] = _states(view.observed)
-        columns["observed_time"] = Nullable(view.observed_time, np.isnan(view.observed_time))
+        columns |= seen_columns(view.observed, view.observed_time)
     if view.last_seen is not None:
         columns["last_seen"] = Nullable(view.last_seen, np.isnan(view.last_seen))
     return columns

@@ -47,7 +47,7 @@ class Loaded:
         object.__setattr__(self, "known", known(self.spectrum))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class KeptEvidence:
     """What was read last of some cells, or is believed of them; those of `damaged` chunks look as if never read."""
 

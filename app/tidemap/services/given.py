@@ -17,6 +17,7 @@ from tidemap.spectral.belief import Beliefs
 from tidemap.spectral.conditioning import Evidence, Standing
 from tidemap.spectral.persistence import differing
 from tidemap.spectral.prediction import predict
+from tidemap.spectral.state_columns import Conditioning
 from tidemap.storage.records import LocationRecord, SensorSetting
 
 Given = Literal["observations", "model"]
@@ -39,27 +40,43 @@ class Known:
 
     def condition(self, probability: NDArray[np.float32], time: NDArray[np.float64]) -> NDArray[np.float32]:
         """The model's p (n, m) at times (m,), conditioned where a time is later than a cell's reading."""
-        location = self.model.location
-        sample = location.base.sample(time)
-        found = self._conditioned(probability, sample)
-        # Later than all that was ever measured is later than every reading.
-        latest = -np.inf if location.last_time is None else location.last_time
-        row, column = np.nonzero((self.evidence.sample[:, np.newaxis] == sample) & (time <= latest))
-        if row.size:
-            earlier = self._read_at(row) < time[column]
-            row, column = row[~earlier], column[~earlier]
-            found[row, column] = probability[row, column]
+        found = self._conditioned(probability, self.model.location.base.sample(time))
+        row, column = self._read_later(time)
+        found[row, column] = self.evidence.unread(probability[row, column])
         return found
 
-    def _conditioned(self, probability: NDArray[np.float32], sample: NDArray[np.int64]) -> NDArray[np.float32]:
-        """The same by samples."""
+    def conditioning(self, time: float) -> Conditioning:
+        """What conditions the model's p of some rows at one time as `condition` does."""
+        row, _ = self._read_later(np.array([time]))
+        evidence = self.evidence.without(row) if row.size else self.evidence
+        sample = self.model.location.base.sample(np.array([time]))
+
+        def some(rows: slice, probability: NDArray[np.float32], out: NDArray[np.float32]) -> None:
+            known = replace(self, cell=self.cell[rows], evidence=evidence.part(rows))
+            known._conditioned(probability[:, np.newaxis], sample, out[:, np.newaxis])
+
+        return some
+
+    def _read_later(self, time: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Rows and columns of the cells and times (m,) where a reading is in the sample of the time but not earlier."""
+        location = self.model.location
+        # Later than all that was ever measured is later than every reading.
+        early = np.flatnonzero(time <= (-np.inf if location.last_time is None else location.last_time))
+        row, column = np.nonzero(self.evidence.sample[:, np.newaxis] == location.base.sample(time[early]))
+        later = ~(self._read_at(row) < time[early[column]]) if row.size else np.zeros(0, np.bool_)
+        return row[later], early[column[later]]
+
+    def _conditioned(
+        self, probability: NDArray[np.float32], sample: NDArray[np.int64], out: NDArray[np.float32] | None = None
+    ) -> NDArray[np.float32]:
+        """The same by samples; written to `out` where that is given, as `Evidence.condition` takes it."""
         if isinstance(self.evidence, Beliefs):
-            return self.evidence.condition(probability, sample, self.standing)
+            return self.evidence.condition(probability, sample, self.standing, out)
         interval_s, revision = self.model.location.interval_s, self.model.revision
         if not revision.offset:
-            return self.evidence.condition(probability, sample, interval_s, revision.persistence, self.standing)
+            return self.evidence.condition(probability, sample, interval_s, revision.persistence, self.standing, out)
         own = np.array([revision.offset.get(cell, 0.0) for cell in self.cell.tolist()])
-        found = np.empty(probability.shape, np.float32)
+        found = np.empty(probability.shape, np.float32) if out is None else out
         for offset in np.unique(own).tolist():
             rows, persistence = np.flatnonzero(own == offset), differing(revision.persistence, offset)
             some = self.evidence.rows(rows)
@@ -100,9 +117,11 @@ def known_at(ctx: Context, model: Fitted, cells: NDArray[np.int64], moment: floa
 
 def _found(ctx: Context, model: Fitted, cells: NDArray[np.int64], moment: float) -> KeptEvidence:
     """What history says of some cells at a moment."""
-    detector = detector_of(model)
+    detector, first = detector_of(model), model.location.first_time
     if detector is not None:
-        return beliefs_at(ctx, model, cells, moment, Beliefs.none(len(cells), detector))
+        nothing = Beliefs.none(len(cells), detector)
+        early = first is None or moment < first
+        return KeptEvidence(nothing, []) if early else beliefs_at(ctx, model, cells, moment, nothing)
     readings = readings_at(ctx, model.location, moment, cells)
     runs = readings.runs
     age = np.where(readings.known, runs.sample - np.where(readings.known, runs.begin, 0) + 1, 0)
@@ -149,7 +168,7 @@ def kept_evidence(ctx: Context, model: Fitted, cells: NDArray[np.int64]) -> Kept
         if held is None or not np.array_equal(whole[np.minimum(rows, len(whole) - 1)], cells):
             return None
         return KeptEvidence(held.evidence.rows(rows), held.damaged)
-    if not np.array_equal(whole, cells):
+    if cells is not whole and not np.array_equal(whole, cells):
         return None
     return ctx.caches.evidence.get(key, version, lambda: _renewed(ctx, model, cells, version))
 

@@ -66,6 +66,13 @@ def read_history(ctx: Context, location: LocationRecord, chunk: int, start: int,
     return _held(location, history, start, stop)
 
 
+def read_measured(ctx: Context, location: LocationRecord, chunk: int, start: int, stop: int) -> History:
+    """As `read_history`, without what is held."""
+    with ctx.store.read() as work:
+        location = work.locations.by_id(location.id)
+        return _stored(ctx, work, location, chunk, start, stop).window(start, stop)
+
+
 def read_compacted(ctx: Context, location: LocationRecord, chunk: int, start: int, stop: int) -> History:
     """The same of what is compacted alone, which nobody's posts change meanwhile; nothing of it is kept for others.
 

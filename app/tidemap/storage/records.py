@@ -17,8 +17,8 @@ from tidemap.history.values import ValueKind
 from tidemap.scope import EVERYWHERE, Scope
 from tidemap.space.grid import SINGLE, Extent, GridGeometry
 from tidemap.space.pose import FramedPosition
-from tidemap.spectral.belief import Detector
 from tidemap.spectral.conditioning import UNLEARNED, Persistence
+from tidemap.spectral.detector import Detector
 from tidemap.spectral.recipe import Recipe
 from tidemap.spectral.sensor import Sensor
 from tidemap.storage.blobs import unpack_json
