@@ -174,6 +174,13 @@ class Settings(BaseSettings):
     )
     viewer: bool = Field(True, description="Run the 3D viewer.")
     log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="How much to log.")
+    log_format: Literal["text", "json"] = Field("text", description="Lines for people, or an object of JSON a line.")
+    access_log: bool = Field(False, description="Log every request: method, path, status, time and address.")
+    cors_origins: tuple[str, ...] = Field(
+        (),
+        description='Sites whose pages may ask this server from a browser, as `["https://dashboard.example"]`; they '
+        "send a key, for no cookie of this server is sent along.",
+    )
 
     @field_validator("database_url")
     @classmethod

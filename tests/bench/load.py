@@ -86,12 +86,18 @@ class Connection:
 
     async def ask(self, content: bytes) -> None:
         """Send a request and read its answer. Raises RuntimeError when that is no 2xx."""
+        await self.head(content, "2")
+
+    async def head(self, content: bytes, begins: str = "") -> dict[str, str]:
+        """The headers of the answer. Raises RuntimeError when its status begins otherwise, or is an error."""
         self._writer.write(content)
         head = (await self._reader.readuntil(b"\r\n\r\n")).decode("latin-1").lower()
-        (length,) = (int(line.partition(":")[2]) for line in head.split("\r\n") if line.startswith("content-length:"))
-        body = await self._reader.readexactly(length)
-        if not head.startswith("http/1.1 2"):
+        status, *lines = head.strip().split("\r\n")
+        headers = {name.strip(): value.strip() for name, _, value in (line.partition(":") for line in lines)}
+        body = await self._reader.readexactly(int(headers.get("content-length", "0")))
+        if not status.startswith(f"http/1.1 {begins}") or status[9] in "45":
             raise RuntimeError(f"{head}{body[:2000]!r}")
+        return headers
 
     def close(self) -> None:
         """Hang up."""

@@ -25,6 +25,9 @@ POSITION = "Last-Event-ID"
 """The header that names the last change of an anomaly before the first message, so that a reader can resume before it
 has any."""
 
+REST_S = 0.05
+"""After each time that something was sent a reader rests so long, and then gets all that has come meanwhile at once."""
+
 
 class End(Enum):
     """Why a reader hears no more."""
@@ -69,7 +72,8 @@ async def listening(connection: HTTPConnection, wanted: EventFilter, transport: 
     async def missed(after: int, limit: int) -> list[EventMessage]:
         return await run_in_threadpool(missed_changes, ctx, wanted, after, limit)
 
-    with state.listeners.count(transport), EventStream(ctx.bus, wanted, ctx.settings.socket_queue, missed) as stream:
+    limit, lag = ctx.settings.socket_queue, state.listeners.lag(transport)
+    with state.listeners.count(transport), EventStream(ctx.bus, wanted, limit, missed, lag) as stream:
         yield stream
         if stream.overflowed.is_set():
             state.listeners.drop(transport)

@@ -2,7 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Literal
+
+import orjson
 
 from tidemap.schemas.common import iso
 
@@ -11,7 +14,7 @@ TIMES = ("start", "stop", "acknowledged_at", "snoozed_until")
 """What is written as ISO 8601 of the data."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class EventMessage:
     """Something happened at a location. `id` numbers observations, anomalies, revisions, jobs or locations.
 
@@ -23,6 +26,11 @@ class EventMessage:
     id: int
     time: float
     data: dict[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def encoded(self) -> bytes:
+        """As JSON; encoded once, however many readers there are."""
+        return orjson.dumps(self.wire())
 
     @property
     def position(self) -> int:

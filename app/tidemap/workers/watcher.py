@@ -10,7 +10,7 @@ from tidemap.services.snoozing import end_snoozes
 from tidemap.services.standing import judge_standing, standing_locations
 from tidemap.storage.records import LocationRecord
 from tidemap.workers.election import LeaderElection, LeaderTerm
-from tidemap.workers.worker import Worker
+from tidemap.workers.maintenance import MaintenanceWorker
 
 WATCH_S = 5.0
 """How often to look."""
@@ -18,35 +18,14 @@ SHARE = 20
 """Times as long as it took to judge a location it rests, so that a large one does not keep a processor busy."""
 
 
-class Watcher:
+class Watcher(MaintenanceWorker):
     """One thread, at work while this process leads."""
 
     def __init__(self, ctx: Context, election: LeaderElection) -> None:
-        self._ctx = ctx
-        self._election = election
-        self._worker = Worker("watcher", min(WATCH_S, ctx.settings.updater_interval_s), self._round)
+        super().__init__(ctx, election, "watcher", min(WATCH_S, ctx.settings.updater_interval_s), self._round)
         self._due: dict[int, float] = {}
         self._term: LeaderTerm | None = None
         self._silences = Silences()
-        election.on_begin(self._worker.wake)
-
-    def start(self) -> None:
-        """Begin, unless the settings leave the background work alone."""
-        if self._ctx.settings.updater:
-            self._worker.start()
-
-    def request_stop(self) -> None:
-        """Leave the round at hand; nothing of it is stored."""
-        self._worker.request_stop()
-
-    def stop(self) -> None:
-        """End."""
-        self.request_stop()
-        self._worker.join()
-
-    def alive(self) -> bool:
-        """Whether it is at work, or has none."""
-        return self._worker.alive() or not self._ctx.settings.updater
 
     def _round(self) -> None:
         if (term := self._election.term) is None:

@@ -174,6 +174,26 @@ def test_what_was_missed_comes_first_page_by_page_and_nothing_twice() -> None:
     assert asked == [(5, REPLAY_PAGE), (5 + REPLAY_PAGE, REPLAY_PAGE), (5 + 2 * REPLAY_PAGE, REPLAY_PAGE)]
 
 
+def test_what_waits_is_taken_at_once_and_in_order() -> None:
+    waited: list[float] = []
+
+    async def scenario(bus: Bus) -> list[int]:
+        async def replay(after: int, limit: int) -> list[EventMessage]:
+            return [message(1), message(2)] if after < 2 else []
+
+        with EventStream(bus, EventFilter(after=0), 100, replay, waited.append) as stream:
+            for number in (2, 3, 4):
+                bus.publish(message(number))
+            first = await read(stream, 1)
+            assert stream.at_hand() == [], "what was missed comes first, one by one"
+            rest = await read(stream, 2)
+            return first + rest + [each.id for each in stream.at_hand()]
+
+    assert played(scenario) == [1, 2, 3, 4]
+    assert len(waited) == 2
+    assert min(waited) >= 0
+
+
 def test_an_anomaly_that_is_known_already_is_not_sent_again() -> None:
     async def scenario(bus: Bus) -> list[int]:
         async def replay(after: int, limit: int) -> list[EventMessage]:

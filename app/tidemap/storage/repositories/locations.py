@@ -11,7 +11,7 @@ from tidemap.scope import EVERYWHERE, Scope
 from tidemap.storage.counters import take
 from tidemap.storage.records import LocationRecord
 from tidemap.storage.scoping import inside
-from tidemap.storage.tables import anomaly
+from tidemap.storage.tables import anomaly, revision
 from tidemap.storage.tables import location as location_table
 
 # Built once: every request asks the one, and every reader of history asks the other for every chunk.
@@ -33,6 +33,15 @@ class LocationFilter:
     sort: Literal["name", "seen", "anomalies"] = "name"
     descending: bool = False
     scope: Scope = EVERYWHERE
+
+
+@dataclass(frozen=True, slots=True)
+class LatestTimes:
+    """Unix seconds of a location's latest measurement and of its latest update, None before the first."""
+
+    name: str
+    observed: float | None
+    updated: float | None
 
 
 class LocationRepository:
@@ -73,6 +82,19 @@ class LocationRepository:
         """Name by id."""
         rows = self._connection.execute(select(location_table.c.id, location_table.c.name))
         return {row.id: row.name for row in rows}
+
+    def latest(self, limit: int) -> Sequence[LatestTimes]:
+        """When the oldest locations, at most so many, were last observed and updated."""
+        query = (
+            select(location_table.c.name, location_table.c.last_time, revision.c.updated_at)
+            .outerjoin(
+                revision,
+                (revision.c.location_id == location_table.c.id) & (revision.c.revision == location_table.c.revision),
+            )
+            .order_by(location_table.c.id)
+            .limit(limit)
+        )
+        return [LatestTimes(*row) for row in self._connection.execute(query)]
 
     def open_anomalies(self) -> dict[int, int]:
         """How many unacknowledged anomalies each location id has, neither muted nor snoozed; without those of none."""
