@@ -122,9 +122,11 @@ def test_what_becomes_of_an_event_and_a_new_revision_is_heard_elsewhere(two: tup
     until(lambda: listening(first))
     first.ctx.bus.publish(EventMessage("job", "room", 3, NOW, {"state": "queued"}))
     first.visit(0)
+    until(lambda: first.of_kind("anomaly") and second.of_kind("anomaly"))
     post_states(first.ctx, "room", [NOW - FREE_S + 60.0], [1])
     until(lambda: second.of_kind("anomaly", update=True))
     (updated,) = (each for each in second.heard if each.data.get("update"))
+    until(lambda: first.of_kind("anomaly", update=True))
     (here,) = (each for each in first.heard if each.data.get("update"))
     assert updated.wire() == here.wire()
     assert second.of_kind("job") == [3]
