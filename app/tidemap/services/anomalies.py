@@ -53,7 +53,7 @@ def list_events(ctx: Context, query: EventQuery) -> list[Anomaly]:
     with ctx.store.read() as work:
         location = work.locations.get(query.location) if query.location is not None else None
         records = work.anomalies.list(_filter(query, location))
-        locations = {each.id: each for each in ([location] if location else work.locations.list())}
+        locations = work.locations.of_ids({record.location_id for record in records})
     return [_known(ctx, locations[record.location_id], record) for record in records]
 
 

@@ -24,6 +24,8 @@ CATCH_UP_S = 2.0
 """How often to look for new events that came without a hint: their process may have died before it could."""
 LISTEN_S = 0.5
 PAGE = 500
+MAX_UNSENT = 10_000
+"""Hints that wait while none can be sent; the oldest are dropped then."""
 
 
 class Relay:
@@ -37,6 +39,7 @@ class Relay:
         self._ctx = ctx
         self._origin = uuid4().hex
         self._waiting: deque[EventMessage | Hint] = deque()
+        self._unsent: deque[str] = deque(maxlen=MAX_UNSENT)
         self._incoming, self._outgoing = Channel(ctx.settings.url), Channel(ctx.settings.url)
         self._delivery = Worker("relay", CATCH_UP_S, self._deliver_waiting)
         self._listener = Worker("relay-listener", LISTEN_S, self._listen)
@@ -52,11 +55,13 @@ class Relay:
         self._listener.start()
 
     def stop(self) -> None:
-        """End. What the bus is given later is delivered here alone."""
-        self._restore()
+        """End. What still waits is delivered first; what the bus is given later is delivered here alone."""
         for worker in (self._listener, self._delivery):
             worker.request_stop()
             worker.join()
+        self._restore()
+        with suppress(BusyError):
+            self._deliver_waiting()
         self._incoming.close()
         self._outgoing.close()
 
@@ -70,48 +75,60 @@ class Relay:
 
     def _listen(self) -> None:
         before = self._incoming.listens
-        heard = [Hint.read(text) for text in self._incoming.listen(LISTEN_S)]
+        heard = self._incoming.listen(LISTEN_S)
         if not before:
             # What was sent before it listened is lost; the rows are not.
             self._looked = 0.0
             self._delivery.wake()
-        for hint in heard:
-            if hint.origin != self._origin:
+        for text in heard:
+            hint = Hint.read(text)
+            if hint is None:
+                log.debug("a notification is no hint that is known here: %.200s", text)
+            elif hint.origin != self._origin:
                 self._put(hint)
         self._listener.wake()
 
     def _deliver_waiting(self) -> None:
         if monotonic() - self._looked >= CATCH_UP_S:
             self._catch_up()
-        hints: list[str] = []
-        while self._waiting:
-            item = self._waiting[0]
-            if isinstance(item, EventMessage):
-                hints.append(Hint.of(self._origin, item).text())
-            self._try(item)
-            # Only now: where the database is away, it is delivered later.
-            self._waiting.popleft()
-        if hints:
+        try:
+            while self._waiting:
+                self._try(self._waiting[0])
+                # Only now: where the database is away, it is delivered later.
+                self._waiting.popleft()
+        finally:
+            self._send()
+
+    def _send(self) -> None:
+        """Send the hints of what was delivered; they wait where that is impossible."""
+        texts = list(self._unsent)
+        if texts:
             with suppress(BusyError):
-                self._outgoing.send(hints)
+                self._outgoing.send(texts)
+                self._unsent.clear()
 
     def _try(self, item: EventMessage | Hint) -> None:
-        """Deliver it here. Raises BusyError where the database is away."""
+        """Deliver it here, and have others hear of it. Raises BusyError where the database is away."""
         try:
             if isinstance(item, Hint):
                 self._deliver_hint(item)
-            elif item.is_new_anomaly:
-                self._catch_up()
             else:
-                self._ctx.bus.deliver(item)
+                self._deliver_own(item)
         except BusyError:
             raise
         except Exception:
             log.exception("a message was not delivered: %s", item)
 
+    def _deliver_own(self, message: EventMessage) -> None:
+        if message.kind == "anomaly":
+            self._catch_up_with(message.id)
+        if not message.is_new_anomaly:
+            self._ctx.bus.deliver(message)
+        self._unsent.append(Hint.of(self._origin, message).text())
+
     def _deliver_hint(self, hint: Hint) -> None:
         if hint.kind == "anomaly":
-            self._catch_up()
+            self._catch_up_with(hint.id)
             if hint.data.get("update"):
                 with suppress(AnomalyNotFoundError):
                     self._ctx.bus.deliver(self._updated(hint))
@@ -124,6 +141,11 @@ class Relay:
         message = anomaly_message(get_event(self._ctx, hint.id), hint.time)
         message.data.update(update=True, joined=hint.data.get("joined") or [])
         return message
+
+    def _catch_up_with(self, event: int) -> None:
+        """Deliver an event before what became of it, whoever comes first: its row or word of it."""
+        if event > self._cursor:
+            self._catch_up()
 
     def _catch_up(self) -> None:
         """Deliver the new events that are stored and were not delivered yet."""

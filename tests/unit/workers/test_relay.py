@@ -11,7 +11,7 @@ from tests.support.postgres import Postgres
 from tests.support.waiting import until
 from tidemap.events.messages import EventMessage
 from tidemap.services.context import Context
-from tidemap.storage.channel import MAX_TEXT_BYTES
+from tidemap.storage.channel import MAX_TEXT_BYTES, Channel
 from tidemap.workers.hints import Hint
 from tidemap.workers.relay import Relay, relayed
 
@@ -19,6 +19,7 @@ FREE_S = 7200.0
 STEP_S = 120.0
 """Between two visits, so that each is an event of its own."""
 END_CONNECTIONS = "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE starts_with(query, 'LISTEN')"
+END_SENDERS = "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE starts_with(query, 'SELECT pg_notify')"
 
 
 class Process:
@@ -105,6 +106,39 @@ def test_what_was_sent_while_a_connection_was_lost_is_heard_too(
     assert first.of_kind("anomaly") == second.of_kind("anomaly") == list(range(1, 12))
 
 
+def test_what_cannot_be_sent_is_sent_later(two: tuple[Process, Process], postgres: Postgres) -> None:
+    first, second = two
+    until(lambda: listening(first))
+    for number in (1, 2):
+        first.ctx.bus.publish(EventMessage("job", "room", number, NOW))
+        until(lambda number=number: number in second.of_kind("job"))  # type: ignore[misc]
+        postgres.execute(END_SENDERS)
+    first.ctx.bus.publish(EventMessage("job", "room", 3, NOW))
+    until(lambda: second.of_kind("job") == [1, 2, 3])
+
+
+def test_an_event_is_heard_before_what_becomes_of_it(two: tuple[Process, Process], url: str) -> None:
+    silent, first = Process(url), two[0]
+    silent.visit(0)
+    silent.close()
+    post_states(first.ctx, "room", [NOW - FREE_S + 60.0], [1])
+    until(lambda: first.of_kind("anomaly", update=True))
+    assert [bool(each.data["update"]) for each in first.heard if each.kind == "anomaly"] == [False, True]
+
+
+def test_what_is_no_hint_keeps_none_from_being_heard(two: tuple[Process, Process]) -> None:
+    first, second = two
+    until(lambda: listening(first))
+    first.ctx.bus.publish(EventMessage("job", "room", 1, NOW))
+    until(lambda: second.of_kind("job"))
+    channel = Channel(first.ctx.settings.url)
+    known = Hint.of("another", EventMessage("job", "room", 2, NOW)).text()
+    channel.send(["?", "[]", "{}", known.replace("job", "rumour"), known])
+    channel.close()
+    until(lambda: second.of_kind("job") == [1, 2])
+    assert {each.kind for each in second.heard} == {"job"}
+
+
 def test_an_event_of_a_process_that_sent_no_hint_is_heard(two: tuple[Process, Process], url: str) -> None:
     silent = Process(url)
     silent.visit(0)
@@ -155,4 +189,6 @@ def test_a_hint_fits_the_channel_whatever_is_in_the_message() -> None:
     hint = Hint.of("me", EventMessage("update", "lab", 3, NOW, data))
     text = hint.text()
     assert len(text.encode()) <= MAX_TEXT_BYTES
-    assert Hint.read(text).message().data == {"revision": 3, "selection": None, "order": 15}
+    read = Hint.read(text)
+    assert read is not None
+    assert read.message().data == {"revision": 3, "selection": None, "order": 15}
