@@ -4,7 +4,7 @@ import logging
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from time import monotonic
+from time import monotonic, sleep
 from uuid import uuid4
 
 from sqlalchemy import make_url
@@ -24,6 +24,9 @@ CATCH_UP_S = 2.0
 """How often to look for new events that came without a hint: their process may have died before it could."""
 LISTEN_S = 0.5
 PAGE = 500
+STOP_S = 3.0
+"""How long the end waits for what is not delivered yet, and then for each thread."""
+DRAIN_S = 0.02
 MAX_UNSENT = 10_000
 """Hints that wait while none can be sent; the oldest are dropped then."""
 
@@ -55,15 +58,25 @@ class Relay:
         self._listener.start()
 
     def stop(self) -> None:
-        """End. What still waits is delivered first; what the bus is given later is delivered here alone."""
-        for worker in (self._listener, self._delivery):
-            worker.request_stop()
-            worker.join()
+        """End, once what waits is delivered; a database that does not answer is waited for a few seconds only.
+
+        What the bus is given later is delivered here alone.
+        """
+        self._drain()
         self._restore()
-        with suppress(BusyError):
-            self._deliver_waiting()
-        self._incoming.close()
-        self._outgoing.close()
+        for worker, channel in ((self._listener, self._incoming), (self._delivery, self._outgoing)):
+            worker.request_stop()
+            if worker.join(STOP_S):
+                channel.close()
+            else:
+                # Its thread ends with the process, and its connection with the thread.
+                log.warning("the relay ends without an answer from the database")
+
+    def _drain(self) -> None:
+        until = monotonic() + STOP_S
+        while self._waiting and monotonic() < until:
+            self._delivery.wake()
+            sleep(DRAIN_S)
 
     def alive(self) -> bool:
         """Whether it is at work."""

@@ -1,9 +1,11 @@
 """The relay: each process hears what any of them has done, new events exactly once and in the order of their ids."""
 
+import threading
 from collections.abc import Iterator
 from contextlib import ExitStack
 
 import pytest
+from sqlalchemy import create_engine
 
 from tests.support.contexts import NOW, make_location, opened, post_states, refit
 from tests.support.databases import PostgresDatabases, SqliteDatabases
@@ -174,6 +176,22 @@ def test_a_relay_that_has_ended_leaves_the_bus_as_it_was(url: str) -> None:
     process.visit(0)
     assert process.of_kind("anomaly") == [1]
     process.close()
+
+
+def test_a_relay_ends_though_the_database_does_not_answer(url: str, caplog: pytest.LogCaptureFixture) -> None:
+    process = Process(url)
+    relay = Relay(process.ctx)
+    engine = create_engine(url)
+    with engine.begin() as connection:
+        relay.start()
+        connection.exec_driver_sql("LOCK TABLE anomaly")
+        process.ctx.bus.publish(EventMessage("anomaly", "room", 1, NOW, {"update": False}))
+        relay.stop()
+    assert "without an answer" in caplog.text
+    until(lambda: not relay.alive() and not any(each.name == "tidemap-relay" for each in threading.enumerate()))
+    relay.stop()
+    process.close()
+    engine.dispose()
 
 
 def test_alone_on_sqlite_there_is_none(tmp_path_factory: pytest.TempPathFactory) -> None:
