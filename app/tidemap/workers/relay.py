@@ -156,7 +156,7 @@ class Relay:
         return message
 
     def _catch_up_with(self, event: int) -> None:
-        """Deliver an event before what became of it, whoever comes first: its row or word of it."""
+        """Deliver an event before what became of it, though word of that came first."""
         if event > self._cursor:
             self._catch_up()
 
