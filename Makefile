@@ -82,6 +82,7 @@ dist: setup ## Build the wheel and the source distribution into dist/ and check 
 
 browser:
 	@sh tests/support/browser.sh
+	@sh tests/support/programs.sh
 
 ros: setup
 	@sh tests/support/ros2/environment.sh

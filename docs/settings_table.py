@@ -26,7 +26,7 @@ def table() -> str:
 
 def _shown(value: Any) -> str:
     """A default as one sets it."""
-    if value is None:
+    if value is None or value == ():
         return ""
     if isinstance(value, bool):
         return str(value).lower()

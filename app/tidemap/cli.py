@@ -3,8 +3,8 @@
 import argparse
 import json
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
 from socket import socket
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from pydantic import ValidationError
 
 from tidemap import log
+from tidemap.cli_completion import add_completion
 from tidemap.cli_files import add_files
 from tidemap.cli_keys import add_keys
 from tidemap.cli_outbox import add_outbox
@@ -21,11 +22,14 @@ from tidemap.cli_support import (
     DONE,
     FAILED,
     WRONG_USAGE,
+    UsageError,
     add_database,
     add_json,
     add_server,
+    client_of,
     existing_settings,
     failed,
+    port_option,
     settings_of,
 )
 from tidemap.errors import DatabaseUnusableError, DomainError, SchemaVersionError
@@ -46,6 +50,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return failed(missing)
     try:
         return command(arguments)
+    except UsageError as error:
+        failed(str(error))
+        return WRONG_USAGE
     except ValidationError as error:
         return failed(_explain(error))
     except (DomainError, OSError) as error:
@@ -82,6 +89,7 @@ def parser() -> argparse.ArgumentParser:
     add_keys(commands)
     add_questions(commands)
     add_outbox(commands)
+    add_completion(commands, parser)
     return whole
 
 
@@ -89,7 +97,7 @@ def _add_serve(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") 
     serve = commands.add_parser("serve", help="run everything: API, pages, viewer, updater")
     add_database(serve)
     serve.add_argument("--host", help="address to listen on (default 127.0.0.1)")
-    serve.add_argument("--port", type=int, help="port to listen on (default 8000; 0: any free one)")
+    serve.add_argument("--port", type=port_option, help="port to listen on (default 8000; 0: any free one)")
     serve.add_argument("--open", action="store_true", default=None, help="listen beyond loopback without keys")
     serve.add_argument("--demo", action="store_true", help="fill in the demo building and keep its robot running")
     serve.set_defaults(command=_serve)
@@ -98,7 +106,12 @@ def _add_serve(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") 
 def _add_demo(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     demo = commands.add_parser("demo", help="seed the simulated building through the API and keep its robot running")
     add_server(demo, "an admin")
-    demo.add_argument("--no-live", action="store_true", help="end when the three weeks are posted")
+    demo.add_argument(
+        "--sensors",
+        action="store_true",
+        help="instead a laboratory, seen by a depth camera and a laser: a week of scans, which takes some ten minutes",
+    )
+    demo.add_argument("--no-live", action="store_true", help="end when the history is posted")
     demo.set_defaults(command=_demo)
 
 
@@ -128,20 +141,6 @@ def _add_verify(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
     verify.set_defaults(command=_verify)
 
 
-@contextmanager
-def _progress(what: str, unit: str) -> Iterator[Callable[[int, int], None]]:
-    """Shows how much of how much is done: a bar on a terminal, nothing elsewhere."""
-    from tqdm import tqdm
-
-    with tqdm(desc=what, unit=f" {unit}", file=sys.stderr, disable=None) as bar:
-
-        def show(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
-        yield show
-
-
 def _migrate(arguments: argparse.Namespace) -> int:
     from tidemap.storage.store import migrate_database
 
@@ -152,15 +151,15 @@ def _migrate(arguments: argparse.Namespace) -> int:
 
 
 def _backup(arguments: argparse.Namespace) -> int:
+    from tidemap.progress import ShownProgress
     from tidemap.storage.backup import back_up, dump_command
 
     settings, file = existing_settings(arguments), arguments.file
     if (dump := dump_command(settings.url, file)) is not None:
-        failed(f"PostgreSQL is backed up with its own program (set PGPASSWORD if it asks for one):\n{dump}")
-        return WRONG_USAGE
+        raise UsageError(f"PostgreSQL is backed up with its own program (set PGPASSWORD if it asks for one):\n{dump}")
     if file.exists() and not arguments.overwrite:
         return failed(f"{file} is there already; choose another name, or say --overwrite.")
-    with _progress("Copying", "pages") as show:
+    with ShownProgress(sys.stderr).share("Copying pages") as show:
         back_up(settings.url, file, show)
     size = file.stat().st_size
     print(json.dumps({"file": str(file), "bytes": size}) if arguments.json else f"{file}: {size:,} bytes")
@@ -170,6 +169,7 @@ def _backup(arguments: argparse.Namespace) -> int:
 def _verify(arguments: argparse.Namespace) -> int:
     from tqdm import tqdm
 
+    from tidemap.progress import ShownProgress
     from tidemap.services.verify import Finding, verify
 
     findings: list[Finding] = []
@@ -180,7 +180,7 @@ def _verify(arguments: argparse.Namespace) -> int:
             tqdm.write(str(finding))
 
     try:
-        with _progress("Verifying", "locations") as show:
+        with ShownProgress(sys.stderr).share("Verifying locations") as show:
             tally = verify(existing_settings(arguments).url, report, show)
     except (DatabaseUnusableError, SchemaVersionError) as error:
         failed(str(error))
@@ -247,17 +247,18 @@ def _worker(arguments: argparse.Namespace) -> int:
 def _demo(arguments: argparse.Namespace) -> int:
     from threading import Event
 
-    from tidemap.client import Client
     from tidemap.client import TidemapError as ServerError
-    from tidemap.demo import live
-    from tidemap.demo.seed import seed
+    from tidemap.demo import lab_seed, live, seed
 
     log.configure("info")
     try:
-        with Client(arguments.url, key=arguments.key) as client:
-            seed(client)
+        with client_of(arguments) as client:
+            if arguments.sensors:
+                lab_seed.seed(client)
+            else:
+                seed.seed(client)
             if not arguments.no_live:
-                live.run(client, Event())
+                live.run(client, Event(), begin=lab_seed.LabPatrol if arguments.sensors else live.Rounds)
     except ServerError as error:
         return failed(str(error))
     return DONE

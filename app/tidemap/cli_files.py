@@ -2,43 +2,32 @@
 
 import argparse
 import json
-import os
 import sys
-from collections.abc import Callable
 from dataclasses import asdict
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tidemap.schemas.common import parse_time_text
+from tidemap.cli_support import (
+    DONE,
+    FAILED,
+    UsageError,
+    add_server,
+    client_of,
+    failed,
+    positive_option,
+    time_option,
+)
 
 if TYPE_CHECKING:
-    from tidemap.client import Client, MapFile, TidemapError
+    from tidemap.client import MapFile, TidemapError
     from tidemap.importing.options import ImportOptions
     from tidemap.importing.run import Report
 
-DONE, FAILED, WRONG_USAGE = 0, 1, 2
 MAX_HITS = 100
 """As `space.rays.MAX_MIN_HITS`, which takes long to import."""
 MIN_CLOCK = 1e8
 """Unix seconds of 1973: times before that count from the start of a recording."""
-
-
-class UsageError(Exception):
-    """The command was called wrongly; the message says how."""
-
-
-def _checked(command: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Namespace], int]:
-    """The command with the exit status of wrong usage where it was called so."""
-
-    def run(arguments: argparse.Namespace) -> int:
-        try:
-            return command(arguments)
-        except UsageError as error:
-            _failed(str(error))
-            return WRONG_USAGE
-
-    return run
 
 
 def add_files(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -61,9 +50,9 @@ def _add_import(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
         "--dry-run", action="store_true", help="say what is found and propose a location; post nothing"
     )
     command.add_argument("--json", action="store_true", help="print one JSON object")
-    _add_server(command)
+    add_server(command, "an operator")
     _add_meaning(command)
-    command.set_defaults(command=_checked(_import))
+    command.set_defaults(command=_import)
 
 
 def _add_meaning(command: argparse.ArgumentParser) -> None:
@@ -77,15 +66,15 @@ def _add_meaning(command: argparse.ArgumentParser) -> None:
         "--poses", type=Path, metavar="CSV", help="poses of a folder of clouds (default: its poses.csv)"
     )
     command.add_argument("--skip-missing", action="store_true", help="leave out what has no pose")
-    command.add_argument("--time", type=_moment, help=f"when a map was so, {moment} (default: its file's)")
-    command.add_argument("--start", type=_moment, default=0.0, help=f"what second 0 of a log stands for, {moment}")
+    command.add_argument("--time", type=time_option, help=f"when a map was so, {moment} (default: its file's)")
+    command.add_argument("--start", type=time_option, default=0.0, help=f"what second 0 of a log stands for, {moment}")
     command.add_argument("--time-column", default="time", help="of a table (default %(default)s)")
     command.add_argument("--state-column", default="state", help="of a table (default %(default)s)")
     command.add_argument("--occupied", action="append", default=[], help="a text that means occupied, others mean free")
-    command.add_argument("--max-range", type=_positive, default=inf, help="rays are cut off there, in metres")
+    command.add_argument("--max-range", type=positive_option, default=inf, help="rays are cut off there, in metres")
     command.add_argument("--min-hits", type=_hits, default=1, help="hits that make a cell occupied (default 1)")
-    command.add_argument("--resolution", type=_positive, help="metres of a cell of a new location")
-    command.add_argument("--interval", type=_positive, default=60.0, help="seconds of a sample of a new location")
+    command.add_argument("--resolution", type=positive_option, help="metres of a cell of a new location")
+    command.add_argument("--interval", type=positive_option, default=60.0, help="seconds of a sample of a new location")
     command.add_argument("--time-zone", default="UTC", help="of a new location (default %(default)s)")
 
 
@@ -95,48 +84,21 @@ def _add_export(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
     command.add_argument("--format", required=True, choices=("nav2", "octomap", "ply", "pcd", "npz", "arrow"))
     command.add_argument("-o", "--output", type=Path, metavar="PATH", help="a file, or a folder (default: here)")
     command.add_argument("--overwrite", action="store_true", help="replace PATH if it is there")
-    command.add_argument("--time", type=_moment, help="Unix seconds, or ISO 8601 with a zone (default: now)")
+    command.add_argument("--time", type=time_option, help="Unix seconds, or ISO 8601 with a zone (default: now)")
     command.add_argument("--source", default="predicted", choices=("predicted", "observed"))
     command.add_argument("--mode", default="trinary", choices=("trinary", "scale"), help="states, or probabilities")
     command.add_argument("--confidence", type=float, help="from which a cell is occupied (default: the location's)")
     command.add_argument("--z-min", type=float, help="lowest height of the band, in metres")
     command.add_argument("--z-max", type=float, help="highest height of the band, in metres")
     command.add_argument("--json", action="store_true", help="print JSON")
-    _add_server(command)
-    command.set_defaults(command=_checked(_export), needs_server=False)
-
-
-def _add_server(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--url", default="http://127.0.0.1:8000", help="the server (default %(default)s)")
-    command.add_argument("--key", default=os.environ.get("TIDEMAP_KEY"), help="a key (default: TIDEMAP_KEY)")
-
-
-def _moment(text: str) -> float:
-    try:
-        return parse_time_text(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-
-
-def _positive(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0 < value < inf:
-        raise argparse.ArgumentTypeError(f"{text!r} is no positive number")
-    return value
+    add_server(command, "an operator")
+    command.set_defaults(command=_export, needs_server=False)
 
 
 def _hits(text: str) -> int:
     if not (text.isdecimal() and 1 <= int(text) <= MAX_HITS):
         raise argparse.ArgumentTypeError(f"{text!r} is no whole number from 1 to {MAX_HITS}")
     return int(text)
-
-
-def _failed(message: str) -> int:
-    print(f"tidemap: {message}", file=sys.stderr)
-    return FAILED
 
 
 def _import(arguments: argparse.Namespace) -> int:
@@ -189,27 +151,17 @@ def _show(report: "Report", arguments: argparse.Namespace) -> None:
         print(f"Problem: {problem}.")
 
 
-def _client(arguments: argparse.Namespace) -> "Client":
-    """A client of the server. Raises UsageError for an address or a key that is none."""
-    from tidemap.client import Client
-
-    try:
-        return Client(arguments.url, key=arguments.key)
-    except ValueError as error:
-        raise UsageError(str(error)) from None
-
-
 def _post(report: "Report", arguments: argparse.Namespace) -> int:
     from tidemap.client import TidemapError
     from tidemap.importing.run import import_files
     from tidemap.progress import ShownProgress
 
     try:
-        with _client(arguments) as client:
+        with client_of(arguments) as client:
             progress = ShownProgress(sys.stderr)
             tally = import_files(report, _options(arguments), client, arguments.location, arguments.create, progress)
     except TidemapError as error:
-        return _failed(f"{error}{_hint(error, report)}")
+        return failed(f"{error}{_hint(error, report)}")
     if arguments.json:
         print(json.dumps({"location": arguments.location, **asdict(tally)}))
     else:
@@ -232,10 +184,10 @@ def _export(arguments: argparse.Namespace) -> int:
 
     asked = {name: getattr(arguments, name) for name in ("source", "mode", "confidence", "z_min", "z_max")}
     try:
-        with _client(arguments) as client:
+        with client_of(arguments) as client:
             file = client.location(arguments.name).export(arguments.format, arguments.time, **asked)
     except TidemapError as error:
-        return _failed(str(error))
+        return failed(str(error))
     return _save(file, arguments)
 
 
@@ -246,9 +198,9 @@ def _save(file: "MapFile", arguments: argparse.Namespace) -> int:
         with path.open("wb" if arguments.overwrite else "xb") as stream:
             stream.write(file.content)
     except FileExistsError:
-        return _failed(f"{path} is there already; choose another name, or say --overwrite.")
+        return failed(f"{path} is there already; choose another name, or say --overwrite.")
     except OSError as error:
-        return _failed(f"{path} cannot be written: {error.strerror}.")
+        return failed(f"{path} cannot be written: {error.strerror}.")
     if file.unavailable:
         print(f"tidemap: cells {file.unavailable} are damaged at the server, and unknown in the file.", file=sys.stderr)
     if arguments.json:

@@ -9,7 +9,15 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from tidemap.cli_support import DONE, add_database, add_json, existing_settings, time_option
+from tidemap.cli_support import (
+    DONE,
+    UsageError,
+    add_database,
+    add_json,
+    existing_settings,
+    positive_option,
+    time_option,
+)
 
 if TYPE_CHECKING:
     from tidemap.services.context import Context
@@ -38,7 +46,7 @@ def add_keys(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") ->
     rotate.add_argument("id", type=int)
     rotate.add_argument(
         "--overlap",
-        type=float,
+        type=positive_option,
         default=DAY_S,
         metavar="SECONDS",
         help="how long the old one still opens (default: a day)",
@@ -78,7 +86,6 @@ def _user() -> str:
 def _create(arguments: argparse.Namespace) -> int:
     from pydantic import ValidationError
 
-    from tidemap.errors import InvalidInputError
     from tidemap.schemas.keys import KeyForm
     from tidemap.scope import Scope
     from tidemap.services.keys import create_key
@@ -91,7 +98,7 @@ def _create(arguments: argparse.Namespace) -> int:
             expires_at=arguments.expires,
         )
     except ValidationError as error:
-        raise InvalidInputError.at("--location or --name", error.errors()[0]["msg"]) from None
+        raise UsageError(f"--location or --name: {error.errors()[0]['msg']}") from None
     with _opened(arguments, "create", form.name, form.model_dump_json(exclude_defaults=True)) as ctx:
         key = create_key(ctx, form.name, form.role, Scope.of(form.locations), form.expires_at)
     return _show(key, arguments.json)

@@ -2,25 +2,26 @@
 
 import argparse
 import json
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
+from tidemap.cli_support import DONE, add_json, failed
+
 if TYPE_CHECKING:
     from tidemap.client.outbox.store import OutboxStore, Refused
 
-Action: TypeAlias = "Callable[[OutboxStore, argparse.Namespace], None]"
+Action: TypeAlias = "Callable[[OutboxStore, argparse.Namespace], list[int] | None]"
+"""Returns the numbers of the batches that it dealt with; None where it has said all itself."""
 
 
 def add_outbox(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Add the command to a parser."""
     outbox = commands.add_parser("outbox", help="list what a server refused of a robot's outbox, and deal with it")
     actions = outbox.add_subparsers(required=True, metavar="ACTION")
-    listing = _add(actions, "list", _list, "list the refused batches with their reasons")
-    listing.add_argument("--json", action="store_true", help="print JSON")
+    _add(actions, "list", _list, "list the refused batches with their reasons")
     retry = _add(actions, "retry", _retry, "send refused batches again: all of them, or those named")
     retry.add_argument("id", type=int, nargs="*")
     move = _add(actions, "move", _move, "send refused batches to another location, such as a renamed one")
@@ -35,6 +36,7 @@ def _add(
 ) -> argparse.ArgumentParser:
     command = actions.add_parser(name, help=says)
     command.add_argument("file", type=Path, metavar="FILE", help="the outbox, as given to the client")
+    add_json(command)
     command.set_defaults(command=_command(action), needs_server=False)
     return command
 
@@ -45,11 +47,12 @@ def _command(action: Action) -> Callable[[argparse.Namespace], int]:
 
         try:
             with _opened(arguments.file) as store:
-                action(store, arguments)
+                done = action(store, arguments)
         except OutboxError as error:
-            print(f"tidemap: {error}", file=sys.stderr)
-            return 1
-        return 0
+            return failed(str(error))
+        if arguments.json and done is not None:
+            print(json.dumps({"batches": done}))
+        return DONE
 
     return run
 
@@ -84,18 +87,22 @@ def _line(refused: "Refused") -> str:
     return f"{refused.id}\t{name_of(refused.path)}\t{refused.measurements} measurements\t{refused.error}"
 
 
-def _retry(store: "OutboxStore", arguments: argparse.Namespace) -> None:
-    for number in arguments.id or [each.id for each in store.refused()]:
+def _retry(store: "OutboxStore", arguments: argparse.Namespace) -> list[int]:
+    numbers = arguments.id or [each.id for each in store.refused()]
+    for number in numbers:
         store.retry(number)
+    return numbers
 
 
-def _move(store: "OutboxStore", arguments: argparse.Namespace) -> None:
+def _move(store: "OutboxStore", arguments: argparse.Namespace) -> list[int]:
     from tidemap.client.requests import path_of
 
     for number in arguments.id:
         store.move(number, path_of(arguments.location))
+    return list(arguments.id)
 
 
-def _drop(store: "OutboxStore", arguments: argparse.Namespace) -> None:
+def _drop(store: "OutboxStore", arguments: argparse.Namespace) -> list[int]:
     for number in arguments.id:
         store.discard(number)
+    return list(arguments.id)

@@ -7,7 +7,18 @@ from collections.abc import Callable, Iterable, Sequence
 from itertools import islice
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from tidemap.cli_support import DONE, FAILED, add_json, add_server, failed, time_option
+from tidemap.cli_support import (
+    DONE,
+    FAILED,
+    UsageError,
+    add_json,
+    add_server,
+    client_of,
+    count_option,
+    failed,
+    positive_option,
+    time_option,
+)
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -30,11 +41,15 @@ def add_questions(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
     anomalies.add_argument("--stop", type=time_option, metavar="TIME", help="before")
     anomalies.add_argument("--after", type=int, metavar="ID", help="those stored after this one")
     anomalies.add_argument("--open", action="store_true", help="only what nobody has acknowledged")
-    anomalies.add_argument("--limit", type=int, default=MAX_SHOWN, help="at most so many (default %(default)s)")
+    anomalies.add_argument(
+        "--limit", type=count_option, default=MAX_SHOWN, help="at most so many (default %(default)s)"
+    )
     _finish(anomalies, _anomalies, "an operator")
     update = commands.add_parser("update", help="refit a location and wait for it")
     update.add_argument("name", metavar="NAME")
-    update.add_argument("--wait", type=float, metavar="SECONDS", help="wait at most so long (default: to the end)")
+    update.add_argument(
+        "--wait", type=positive_option, metavar="SECONDS", help="wait at most so long (default: to the end)"
+    )
     _finish(update, _update, "an operator")
 
 
@@ -63,12 +78,14 @@ def _finish(command: argparse.ArgumentParser, action: Action, who: str) -> None:
 
 def _command(action: Action) -> Callable[[argparse.Namespace], int]:
     def run(arguments: argparse.Namespace) -> int:
-        from tidemap.client import Client, TidemapError
+        from tidemap.client import TidemapError
 
         try:
-            with Client(arguments.url, key=arguments.key) as client:
+            with client_of(arguments) as client:
                 return action(client, arguments)
-        except (TidemapError, ValueError) as error:
+        except ValueError as error:
+            raise UsageError(str(error)) from None
+        except TidemapError as error:
             return failed(str(error))
 
     return run
@@ -124,7 +141,7 @@ def _anomalies(client: "Client[Any]", arguments: argparse.Namespace) -> int:
         start=arguments.start,
         stop=arguments.stop,
         acknowledged=False if arguments.open else None,
-        limit=max(1, min(arguments.limit, 1000)),
+        limit=min(arguments.limit, 1000),
     )
     found = list(islice(events, arguments.limit))
     return _print_all(found, (_line(event) for event in found), arguments.json)

@@ -3,15 +3,22 @@
 import argparse
 import os
 import sys
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tidemap import log
 
 if TYPE_CHECKING:
+    from tidemap.client import Client
     from tidemap.settings import Settings
 
 DONE, FAILED, WRONG_USAGE = 0, 1, 2
+MAX_COUNT, MAX_PORT = 10**9, 65535
+
+
+class UsageError(Exception):
+    """A command was called wrongly; the message says how."""
 
 
 def failed(message: str) -> int:
@@ -27,6 +34,16 @@ def add_database(command: argparse.ArgumentParser) -> None:
     where.add_argument("--database-url", help="postgresql+psycopg://… instead of the embedded database")
 
 
+def client_of(arguments: argparse.Namespace) -> "Client":
+    """A client of the server that the options name. Raises UsageError for an address or a key that is none."""
+    from tidemap.client import Client
+
+    try:
+        return Client(arguments.url, key=arguments.key)
+    except ValueError as error:
+        raise UsageError(str(error)) from None
+
+
 def add_server(command: argparse.ArgumentParser, who: str) -> None:
     """The options that say where a server is and whose key is sent."""
     command.add_argument("--url", default="http://127.0.0.1:8000", help="the server (default %(default)s)")
@@ -36,6 +53,31 @@ def add_server(command: argparse.ArgumentParser, who: str) -> None:
 def add_json(command: argparse.ArgumentParser) -> None:
     """The option of what a script may want to read."""
     command.add_argument("--json", action="store_true", help="print JSON")
+
+
+def positive_option(text: str) -> float:
+    """A positive number of an option."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < inf:
+        raise argparse.ArgumentTypeError(f"{text!r} is no positive number")
+    return value
+
+
+def count_option(text: str) -> int:
+    """A positive whole number of an option."""
+    if not (text.isascii() and text.isdecimal() and 0 < int(text) <= MAX_COUNT):
+        raise argparse.ArgumentTypeError(f"{text!r} is no whole number from 1 to {MAX_COUNT}")
+    return int(text)
+
+
+def port_option(text: str) -> int:
+    """A port of an option."""
+    if not (text.isascii() and text.isdecimal() and int(text) <= MAX_PORT):
+        raise argparse.ArgumentTypeError(f"{text!r} is no port: give a number from 0 to {MAX_PORT}")
+    return int(text)
 
 
 def time_option(text: str) -> float:
@@ -55,7 +97,7 @@ def settings_of(arguments: argparse.Namespace) -> "Settings":
     names = Settings.model_fields.keys() & vars(arguments).keys()
     given = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
     settings = Settings(**given)
-    log.configure(settings.log_level)
+    log.configure(settings.log_level, settings.log_format)
     return settings
 
 

@@ -102,6 +102,16 @@ class KeyNotFoundError(NotFoundError):
         super().__init__(f"There is no key {key_id}. GET /keys lists them.")
 
 
+class MuteNotFoundError(NotFoundError):
+    """No mute has this id."""
+
+    code = "mute-not-found"
+    title = "Mute not found"
+
+    def __init__(self, mute_id: object) -> None:
+        super().__init__(f"There is no mute {mute_id}. GET /mutes lists them.")
+
+
 class WebhookNotFoundError(NotFoundError):
     """No webhook has this id."""
 
@@ -165,6 +175,16 @@ class NoModelError(ConflictError):
         )
 
 
+class TooManyMutesError(ConflictError):
+    """There are as many mutes as there may be."""
+
+    code = "too-many-mutes"
+    title = "Too many mutes"
+
+    def __init__(self, most: int) -> None:
+        super().__init__(f"There are {most} mutes, and there may be no more. Delete some that are over.")
+
+
 class TooManyWebhooksError(ConflictError):
     """There are as many webhooks as there may be."""
 
@@ -176,16 +196,16 @@ class TooManyWebhooksError(ConflictError):
 
 
 class KeyEndsError(ConflictError):
-    """A key expires within the overlap of its rotation, as one does that was rotated before."""
+    """A key was rotated before, or expires within the overlap of its rotation."""
 
     code = "key-ends"
     title = "Key ends soon"
 
     def __init__(self, key_id: object) -> None:
         super().__init__(
-            f"Key {key_id} expires before the overlap is over, and a new key would expire with it. If it was rotated "
-            "before, rotate the key that was made then (GET /keys lists them), or make a new one; else give a "
-            "shorter overlap."
+            f"Key {key_id} was rotated before, or expires before the overlap is over, and a new key would expire with "
+            "it. If it was rotated, rotate the key that was made then (GET /keys lists them), or make a new one; else "
+            "give a shorter overlap."
         )
 
 

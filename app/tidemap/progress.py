@@ -1,8 +1,8 @@
 """How far long work is: a bar on a terminal, plain lines elsewhere."""
 
 import time
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Protocol, TextIO, TypeAlias
 
 from tqdm import tqdm
@@ -35,9 +35,18 @@ class ShownProgress:
 
     def task(self, what: str, total: int) -> AbstractContextManager[Step]:
         """A bar, or lines at the beginning, at the end and every few seconds between."""
-        if self._stream.isatty():
-            return Bar(what, total, self._stream)
-        return Lines(what, total, self._stream)
+        return self._shown(what, total)
+
+    @contextmanager
+    def share(self, what: str) -> Iterator[Callable[[int, int], None]]:
+        """While a task lasts whose length becomes known on the way: call what it gives with (done, total) steps."""
+        shown = self._shown(what, 0)
+        with shown:
+            yield shown.reach
+
+    def _shown(self, what: str, total: int) -> "Bar | Lines":
+        kind = Bar if self._stream.isatty() else Lines
+        return kind(what, total, self._stream)
 
 
 class Bar:
@@ -56,15 +65,19 @@ class Bar:
         """So many more steps are done."""
         self._bar.update(n)
 
+    def reach(self, done: int, total: int) -> None:
+        """So many steps of so many are done."""
+        self._bar.total = total
+        self._bar.update(done - self._bar.n)
+
 
 class Lines:
     """Lines for logs."""
 
-    def __init__(self, what: str, total: int, stream: TextIO, every_s: float = LINE_EVERY_S) -> None:
+    def __init__(self, what: str, total: int, stream: TextIO) -> None:
         self._what = what
         self._total = total
         self._stream = stream
-        self._every_s = every_s
         self._done = 0
         self._began = self._said = time.monotonic()
 
@@ -79,9 +92,14 @@ class Lines:
     def step(self, n: int) -> None:
         """So many more steps are done."""
         self._done += n
-        if time.monotonic() - self._said >= self._every_s:
+        if time.monotonic() - self._said >= LINE_EVERY_S:
             share = f"{100 * self._done // self._total} % of {self._total}" if self._total else str(self._done)
             self._say(share)
+
+    def reach(self, done: int, total: int) -> None:
+        """So many steps of so many are done."""
+        self._total = total
+        self.step(done - self._done)
 
     def _say(self, text: str) -> None:
         self._said = time.monotonic()

@@ -34,6 +34,35 @@ class Scope:
         """Whether a location is inside."""
         return self.patterns is None or name in self.names or name.startswith(tuple(self.prefixes))
 
+    def covers(self, other: "Scope") -> bool:
+        """Whether all that is inside of another one is inside.
+
+        >>> floor = Scope(("floor-2-*",))
+        >>> [floor.covers(Scope((each,))) for each in ("floor-2-a", "floor-2-a*", "floor-*")], floor.covers(EVERYWHERE)
+        ([True, True, False], False)
+        """
+        if self.patterns is None or other.patterns is None:
+            return self.patterns is None
+        begun = tuple(self.prefixes)
+        return all(self.holds(name) for name in other.names) and all(
+            begins.startswith(begun) if begun else False for begins in other.prefixes
+        )
+
+    def touches(self, other: "Scope") -> bool:
+        """Whether a location may be inside of both.
+
+        >>> floor = Scope(("floor-2-*",))
+        >>> [floor.touches(Scope((each,))) for each in ("floor-2-a", "floor-*", "hall")], floor.touches(EVERYWHERE)
+        ([True, True, False], True)
+        """
+        if self.patterns is None or other.patterns is None:
+            return True
+        return (
+            any(self.holds(name) for name in other.names)
+            or any(other.holds(name) for name in self.names)
+            or any(one.startswith(two) or two.startswith(one) for one in self.prefixes for two in other.prefixes)
+        )
+
     def dumped(self) -> str | None:
         """As it is stored."""
         return None if self.patterns is None else json.dumps(self.patterns)

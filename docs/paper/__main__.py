@@ -10,7 +10,7 @@ from docs.paper.recordings import missing
 # Many small fits one after the other: threads would wait for each other.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-PARTS = ("waves", "reproduction", "published", "rooms", "clocks", "things", "horizons", "costs")
+PARTS = ("waves", "reproduction", "published", "rooms", "clocks", "things", "horizons", "costs", "laboratory")
 
 
 def main(chosen: list[str]) -> int:

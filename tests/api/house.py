@@ -1,12 +1,14 @@
 """The site in this process, on a database of its own, with a clock that stands still."""
 
 import io
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from itertools import count
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import httpx
@@ -15,6 +17,7 @@ import pyarrow as pa
 from anyio.from_thread import BlockingPortal, start_blocking_portal
 from fastapi import FastAPI
 
+from tidemap.api.main import create_app
 from tidemap.server.processes import all_in_one
 from tidemap.services.context import Context, open_context
 from tidemap.settings import Settings
@@ -53,7 +56,21 @@ class Http:
         self._client = httpx.AsyncClient(transport=transport, base_url="http://localhost")
 
     def request(self, method: str, path: str, **how: Any) -> httpx.Response:
-        return self.portal.call(partial(self._client.request, method, path, **how))
+        answer = self.portal.call(partial(self._client.request, method, path, **how))
+        if answer.headers.get("content-type") == PROBLEM:
+            check_described(answer)
+        return answer
+
+    def raw(self, method: str, path: str, **how: Any) -> httpx.Response:
+        """As `request`, but a compressed answer is left as it came."""
+        return self.portal.call(partial(self._raw, method, path, **how))
+
+    async def _raw(self, method: str, path: str, **how: Any) -> httpx.Response:
+        async with self._client.stream(method, path, **how) as answer:
+            content = b"".join([part async for part in answer.aiter_raw()])
+        kept = httpx.Response(answer.status_code, headers=answer.headers, request=answer.request)
+        kept._content = content
+        return kept
 
     def sign_in(self, secret: str) -> None:
         """Send this key from now on."""
@@ -140,6 +157,37 @@ def open_house(folder: Path, database_url: str | None = None, **settings: Any) -
         start_blocking_portal() as portal,
     ):
         yield Api(ctx, Http(portal, site), clock)
+
+
+def check_described(answer: httpx.Response) -> None:
+    """The document says that this operation can answer with this kind of problem."""
+    kind = answer.json()["type"].rpartition(":")[2]
+    path = answer.request.url.raw_path.decode().partition("?")[0]
+    for (method, pattern), kinds in described_problems().items():
+        if method == answer.request.method and re.fullmatch(pattern, path):
+            assert kind in kinds or kind == "blank", (method, path, answer.text)
+            return
+
+
+@cache
+def described_problems() -> dict[tuple[str, str], set[str]]:
+    """The kinds of problems of each operation of the API, by method and pattern of its path."""
+    with TemporaryDirectory() as folder:
+        settings = Settings(data=Path(folder), updater=False)
+        prepare_database(settings.url)
+        with open_context(settings) as ctx:
+            paths = create_app(ctx).openapi()["paths"]
+    return {
+        (method.upper(), re.sub(r"\{\w+\}", "[^/]+", path)): {
+            kind
+            for status, response in operation["responses"].items()
+            if status[0] in "45"
+            for kind in response.get("content", {}).get(PROBLEM, {}).get("examples", {})
+        }
+        for path, item in sorted(paths.items())
+        for method, operation in item.items()
+        if path.startswith(BASE)
+    }
 
 
 def done(answer: httpx.Response, status: int = 200) -> Any:

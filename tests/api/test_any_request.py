@@ -22,7 +22,8 @@ from schemathesis.specs.openapi import checks
 from tests.api.house import Api, done, open_house
 from tests.api.refusals import T, Untouched, furnished
 from tests.support.scans import files
-from tidemap.api.main import BASE, ROUTERS
+from tidemap.api.addresses import BASE
+from tidemap.api.main import ROUTERS
 from tidemap.scope import EVERYWHERE
 from tidemap.services.keys import create_key
 from tidemap.services.webhooks import create_webhook, delete_webhook, list_webhooks

@@ -275,6 +275,22 @@ def test_what_was_measured_can_be_deleted(client: Any, name: str) -> None:
     assert handle.get().combine == "any"
 
 
+def test_anomalies_are_snoozed_and_muted(client: Any, name: str) -> None:
+    handle = door(client, name)
+    day = START + 8 * DAY_S
+    (event,) = handle.observe([day + 3600], [1]).anomalies
+    later = datetime.now(UTC) + timedelta(hours=1)
+    assert client.snooze(event.id, later).snoozed_until == pytest.approx(later.timestamp(), abs=1e-3)
+    assert client.snooze(event.id, None).snoozed_until is None
+    mute = client.mute(day + 7200, day + 10_800, locations=[name], weekly=True, until=day + 30 * DAY_S, note="x")
+    assert (mute.locations, mute.start, mute.weekly, mute.note) == ([name], day + 7200, True, "x")
+    (silent,) = handle.observe([day + 7200], [1]).anomalies
+    assert mute in client.mutes()
+    client.unmute(mute.id)
+    assert mute not in client.mutes()
+    assert [each.id for each in handle.anomalies(muted=True)] == [silent.id]
+
+
 def test_anomalies_are_paged_and_acknowledged(client: Any, name: str) -> None:
     handle = door(client, name)
     day = START + 8 * DAY_S

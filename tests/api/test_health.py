@@ -1,5 +1,6 @@
 """/healthz, /readyz, /metrics and the API's own documents."""
 
+import re
 from pathlib import Path
 
 import httpx
@@ -10,6 +11,7 @@ from tests.api.house import NOW, Api, Http, done, open_house, problem
 from tests.support.waiting import until
 from tidemap.api.main import create_app
 from tidemap.storage.engine import open_writer
+from tidemap.version import __version__
 
 MISSED = '/locations/{name}",status="404"} 1.0'
 
@@ -63,6 +65,54 @@ def test_metrics_are_for_prometheus(own: Api) -> None:
     assert "tidemap_commit_queue 0.0" in lines
 
     assert any(line.startswith("tidemap_request_seconds_count{") and MISSED in line for line in lines)
+
+
+def test_metrics_follow_the_conventions(own: Api) -> None:
+    name = own.location()
+    own.observe(name, [NOW - 1, NOW], [0, 1])
+    assert "tidemap_compaction_backlog_measurements 2.0" in root(own, "/metrics").text
+    own.update(name)
+    own.http.request("GET", f"/locations/{name}")
+    own.get(f"/locations/{name}")
+    said = root(own, "/metrics").text
+    assert "_created" not in said
+    for beginning in (
+        "process_resident_memory_bytes ",
+        f'tidemap_build_info{{version="{__version__}"}} 1.0',
+        "tidemap_locations 1.0",
+        "tidemap_database_bytes ",
+        f'tidemap_location_last_observation_timestamp_seconds{{location="{name}"}} 1.7724096e+09',
+        f'tidemap_location_last_update_timestamp_seconds{{location="{name}"}} ',
+        'tidemap_jobs_total{state="done"} 1.0',
+        'tidemap_request_seconds_count{method="GET",route="/locations/{name}",status="200"} 1.0',
+        'tidemap_request_seconds_count{method="GET",route="/api/v1/locations/{name}",status="200"} 1.0',
+    ):
+        assert f"\n{beginning}" in said, beginning
+    count = re.search(r"tidemap_commit_seconds_count (\d+)", said)
+    assert count is not None
+    assert int(count[1]) > 0
+
+
+def test_few_locations_are_named(own: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tidemap.services.monitoring.MAX_NAMED_LOCATIONS", 2)
+    names = [own.location() for _ in range(3)]
+    for name in names:
+        own.observe(name, [NOW], [1])
+    said = root(own, "/metrics").text
+    assert [f'location="{name}"' in said for name in names] == [True, True, False]
+    assert "tidemap_locations 3.0" in said
+
+
+def test_health_answers_head(own: Api) -> None:
+    assert [own.http.request("HEAD", path).status_code for path in ("/healthz", "/readyz")] == [200, 200]
+
+
+def test_every_answer_names_its_request(own: Api) -> None:
+    given = root(own, "/healthz", headers={"X-Request-ID": "proxy-7.1"})
+    assert given.headers["x-request-id"] == "proxy-7.1"
+    own_ids = {root(own, "/nothing", headers={"X-Request-ID": bad}).headers["x-request-id"] for bad in ("", "a b")}
+    assert len(own_ids) == 2
+    assert all(len(each) == 16 for each in own_ids)
 
 
 def test_metrics_say_where_the_background_work_is_done(own: Api) -> None:

@@ -9,7 +9,7 @@ from tests.api.house import HOUR, NOW, Api, done, open_house, problem
 from tests.api.routes import IDS, ROLES, TABLE, ask, bearer
 from tests.support.waiting import until
 
-FILTERING = {"/locations", "/anomalies", "/jobs", "/events"}
+FILTERING = {"/locations", "/anomalies", "/jobs", "/events", "/mutes"}
 """Lists that show what a key may see."""
 NAMES = ("door", "yard-gate")
 
@@ -48,7 +48,7 @@ def test_a_key_of_other_locations_does_nothing_here(
         elif method == "GET" and path.split("?", maxsplit=1)[0] in FILTERING:
             assert answer.status_code in (200, 422)
             assert "door" not in answer.text
-        elif path.split("/")[1] in ("anomalies", "jobs"):
+        elif path.split("/")[1] in ("anomalies", "jobs") or path.startswith("/mutes/"):
             problem(answer, 404)
         else:
             problem(answer, 403, "out-of-scope")
@@ -62,7 +62,8 @@ def test_a_key_of_this_location_does_what_its_role_may(
     for role in ROLES:
         answer = ask(api, method, path, form, role, headers=bearer(secrets[f"{role} here"]))
         named = path.split("?", maxsplit=1)[0].count("/") > 1 and not path.startswith(("/keys", "/webhooks"))
-        if role in allowed and (named or (method == "GET" and path.split("?", maxsplit=1)[0] in FILTERING)):
+        filtering = method == "GET" and path.split("?", maxsplit=1)[0] in FILTERING
+        if role in allowed and (named or filtering or path == "/mutes"):
             assert answer.status_code not in (401, 403, 500), answer.text
         else:
             problem(answer, 403)

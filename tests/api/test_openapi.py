@@ -6,9 +6,12 @@ from collections.abc import Iterator
 from typing import Any
 from urllib.parse import unquote
 
+import jsonschema_rs
 import pytest
 
 from tests.api.house import ARROW, BASE, GRID, NOW, NPY, PROBLEM, Api, done, fortnight, problem
+from tidemap.api.openapi import OPERATION_IDS
+from tidemap.api.problem_examples import SAMPLES
 from tidemap.services.keys import delete_key
 
 # What API.md fixes: method, path, the statuses of success.
@@ -86,7 +89,7 @@ PARAMETERS = {
     ("get", "/anomalies"): {"after", "limit", "start", "stop", "min_surprise", "acknowledged"},
     ("get", "/locations/{name}/anomalies"): {"after", "limit", "start", "stop", "min_surprise", "acknowledged"},
 }
-ERRORS = {"400", "401", "403", "404", "409", "413", "415", "422", "429", "503"}
+ERRORS = {"401", "403", "422", "429", "503"}
 TYPES = {"string", "number", "integer", "boolean", "array", "object", "null"}
 
 
@@ -155,18 +158,73 @@ def test_every_route_documents_its_errors_as_problems(document: Any) -> None:
             assert set(answer["content"]) == {PROBLEM}, (method, path, status)
             media = answer["content"][PROBLEM]
             assert media["schema"] == {"$ref": "#/components/schemas/Problem"}
-            assert media["example"]["status"] == int(status)
+            for kind, example in media["examples"].items():
+                assert example["value"]["status"] == int(status)
+                assert example["value"]["type"] == f"urn:tidemap:problem:{kind}"
+                assert len(example["value"]["detail"]) > 10
             assert answer["description"]
         assert "WWW-Authenticate" in failures["401"]["headers"]
         assert "Retry-After" in failures["429"]["headers"]
         assert "Retry-After" in failures["503"]["headers"]
 
 
+def test_every_kind_of_problem_is_shown_somewhere(document: Any) -> None:
+    shown = {
+        kind
+        for _, _, operation in operations(document)
+        for answer in operation["responses"].values()
+        for kind in answer.get("content", {}).get(PROBLEM, {}).get("examples", {})
+    }
+    assert shown == SAMPLES.keys()
+
+
+def test_what_has_an_etag_can_be_asked_with_it(document: Any) -> None:
+    for method, path, operation in operations(document):
+        is_cached = "304" in operation["responses"]
+        names = {each["name"] for each in operation.get("parameters", [])}
+        assert ("If-None-Match" in names) == is_cached, (method, path)
+        assert ("ETag" in operation["responses"].get("200", {}).get("headers", {})) == is_cached
+
+
+def test_answers_that_make_something_say_where_it_is(document: Any) -> None:
+    for path, status in (("/locations", "201"), ("/locations/{name}/update", "202")):
+        assert "Location" in document["paths"][BASE + path]["post"]["responses"][status]["headers"]
+
+
+def test_names_of_operations_can_be_read(document: Any) -> None:
+    for method, path, operation in operations(document):
+        assert re.fullmatch(r"[a-z]+(_[a-z]+)*", operation["operationId"]), (method, path)
+        assert "api_v" not in operation["operationId"]
+    assert OPERATION_IDS.keys() >= {(method, path) for method, path, _ in operations(document)}
+
+
+def test_the_socket_is_described(document: Any) -> None:
+    answer = document["paths"][f"{BASE}/events"]["get"]["responses"]["101"]
+    for word in ("1013", "4401", "WebSocket", "Last-Event-ID"):
+        assert word in answer["description"]
+    assert resolve(document, answer["content"]["application/json"]["schema"]["$ref"])["properties"].keys() == {
+        "kind",
+        "location",
+        "id",
+        "time",
+    }
+
+
+def test_every_json_answer_has_an_example_of_its_schema(document: Any) -> None:
+    for method, path, operation in operations(document):
+        for status, answer in operation["responses"].items():
+            media = answer.get("content", {}).get("application/json", {})
+            if status[0] == "2" and media:
+                assert "example" in media, (method, path, status)
+                schema = {**media["schema"], "components": document["components"]}
+                jsonschema_rs.validate(schema, media["example"])
+
+
 def test_every_answer_with_content_has_a_schema(document: Any) -> None:
     for method, path, operation in operations(document):
         for status, answer in operation["responses"].items():
-            if status in ("204", "304"):
-                assert not answer.get("content"), (method, path, status)
+            if status in ("101", "204", "304"):
+                assert status == "101" or not answer.get("content"), (method, path, status)
                 continue
             for media_type, media in answer["content"].items():
                 assert media.get("schema"), (method, path, status, media_type)
@@ -212,7 +270,7 @@ def examples(document: Any, media: dict[str, Any]) -> list[Any]:
 
 def test_every_body_has_examples(document: Any) -> None:
     found = {(method, path): examples(document, media) for method, path, media in bodies(document)}
-    assert len(found) == 13
+    assert len(found) == 15
     assert not [route for route, shown in found.items() if not shown]
 
 

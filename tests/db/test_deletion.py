@@ -22,8 +22,10 @@ from tests.support.contexts import (
 )
 from tests.support.waiting import WAIT_S
 from tidemap.errors import CorruptChunkError, InvalidInputError, LocationNotFoundError, ShuttingDownError
+from tidemap.events.messages import EventMessage
 from tidemap.history.history import UNOBSERVED
 from tidemap.services import compaction
+from tidemap.services.anomalies import EventQuery, list_events
 from tidemap.services.context import Context
 from tidemap.services.deletion import Deletion, delete_observations
 from tidemap.services.history import window
@@ -285,3 +287,24 @@ def test_what_cannot_be_is_refused(ctx: Context) -> None:
         delete_observations(ctx, "attic", EVER)
     with pytest.raises(InvalidInputError, match="swap them"):
         Deletion(5.0, 4.0)
+
+
+@WAYS
+def test_events_of_what_is_deleted_go_with_it(ctx: Context, compacted: bool) -> None:
+    """What lies in the span goes; what reaches out of it ends or begins at its border; what one robot saw stays."""
+    make_location(ctx, "door", estimator="static", confidence=0.75)
+    post_states(ctx, "door", MINUTE * np.arange(40), np.zeros(40))
+    refit(ctx, "door")
+    spans = [(100, 103), (108, 112), (120, 121), (128, 134)]
+    posts = [post_states(ctx, "door", MINUTE * np.arange(*span), np.ones(span[1] - span[0])) for span in spans]
+    numbers = [post.anomalies[0].id for post in posts]
+    if compacted:
+        compact_now(ctx, "door")
+    heard: list[EventMessage] = []
+    ctx.bus.subscribe(heard.append)
+    assert delete_observations(ctx, "door", Deletion(0, MINUTE * 500, "nobody")) == 0
+    assert delete_observations(ctx, "door", Deletion(MINUTE * 110, MINUTE * 130)) == 5
+    found = {each.id: (each.start / MINUTE, each.stop / MINUTE) for each in list_events(ctx, EventQuery())}
+    assert found == {numbers[0]: (100, 103), numbers[1]: (108, 110), numbers[3]: (130, 134)}
+    assert [each.id for each in heard] == [numbers[1], numbers[3]]
+    assert get_location(ctx, "door").open_anomalies == 3

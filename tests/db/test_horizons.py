@@ -26,25 +26,34 @@ def ask(ctx: Context, name: str, **query: Any) -> list[HorizonScores]:
 
 
 @pytest.mark.parametrize("hold_s", [None, 600.0])
-def test_the_scores_are_those_of_the_answers_as_of_then(ctx: Context, clock: Clock, hold_s: float | None) -> None:
+@pytest.mark.parametrize("sensor", [None, {"miss": 0.1, "false_alarm": 0.05}, "learn"])
+def test_the_scores_are_those_of_the_answers_as_of_then(
+    ctx: Context, clock: Clock, hold_s: float | None, sensor: dict[str, float] | str | None
+) -> None:
     held: dict[str, Any] = {} if hold_s is None else {"missing": "hold", "hold_s": hold_s}
-    make_location(ctx, "door", None, estimator="static", **held)
-    states, read = door_states(500), np.flatnonzero(np.random.default_rng(2).random(500) < 0.8)
+    make_location(ctx, "door", None, estimator="static", sensor=sensor, **held)
+    random = np.random.default_rng(2)
+    states, read = door_states(500), np.flatnonzero(random.random(500) < 0.8)
+    if sensor is not None:
+        states ^= random.random(500) < 0.1
     post_states(ctx, "door", MINUTE * read[read < 400], states[read[read < 400]])
     clock.now = MINUTE * 400 - 1
-    refit(ctx, "door")
+    rates = refit(ctx, "door").detector
     clock.now = NOW
     post_states(ctx, "door", MINUTE * read[read >= 400], states[read[read >= 400]])
-    sample = read[read >= 400] if hold_s is None else np.arange(400, 500)
+    # What is held is a reading itself, but not where readings err.
+    sample = np.arange(400, 500) if hold_s is not None and sensor is None else read[read >= 400]
     truth = states[read[np.searchsorted(read, sample, side="right") - 1]]
     horizons = [60.0, 300.0, 3600.0]
     found = ask(ctx, "door", horizons_s=horizons, start=MINUTE * 400, stop=MINUTE * 500)
     for each, horizon_s in zip(found, horizons, strict=True):
-        expected = score([answer(ctx, MINUTE * n, horizon_s) for n in sample.tolist()], truth)
+        p: Any = [answer(ctx, MINUTE * n, horizon_s) for n in sample.tolist()]
+        expected = score(p if rates is None else rates.sensor.reading_probability(p), truth)
         assert each.conditioned.scores.n == len(sample)
         assert each.conditioned.scores.log_loss == pytest.approx(expected.log_loss, rel=1e-4)
         assert each.conditioned.scores.brier == pytest.approx(expected.brier, rel=1e-4)
-    assert found[0].conditioned.scores.log_loss < found[0].rhythm.scores.log_loss
+    if hold_s is None or sensor is None:
+        assert found[0].conditioned.scores.log_loss < found[0].rhythm.scores.log_loss
 
 
 def answer(ctx: Context, time: float, horizon_s: float) -> float:

@@ -1,5 +1,6 @@
 """A location whose sensor errs: what is believed of it, as it was known at a moment."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,8 +19,9 @@ from tidemap.services.context import Context
 from tidemap.services.locations import change_location
 from tidemap.services.model import model_of
 from tidemap.services.predict import PredictQuery, predict_at
-from tidemap.services.state import StateQuery, state_at
+from tidemap.services.state import StateQuery, ask, buffer_of, grid_of, state_at
 from tidemap.spectral.prediction import predict_readings
+from tidemap.spectral.sensor import Sensor
 
 MINUTE = 60.0
 BEGIN = NOW - 5000 * MINUTE
@@ -55,6 +57,28 @@ def test_one_false_reading_is_not_believed_and_several_are(ctx: Context) -> None
     assert (probability(ctx, "door", last + 9 * MINUTE) < 0.5) != (before < 0.5)
     # As of then it is as it was then.
     assert probability(ctx, "door", last + MINUTE + 1, last + MINUTE + 1) == once
+
+
+@pytest.mark.parametrize(("time", "as_of"), [(-30 * MINUTE, None), (3000 * MINUTE, -MINUTE)], ids=["past", "early"])
+def test_before_any_reading_it_is_the_rhythm_of_the_state(ctx: Context, time: float, as_of: float | None) -> None:
+    door(ctx, sensor={"miss": 0.1, "false_alarm": 0.3})
+    moment = None if as_of is None else BEGIN + as_of
+    query = StateQuery(BEGIN + time, given="observations", as_of=moment)
+    read = state_at(ctx, "door", replace(query, given="model")).probability
+    expected = Sensor(0.1, 0.3).state_probability(read).astype(np.float32)
+    assert abs(expected - read) > 0.05
+    asked = ask(ctx, "door", query)
+    buffered = buffer_of(ctx, asked)
+    assert buffered is not None
+    predicted = predict_at(ctx, "door", PredictQuery([query.time], given="observations", as_of=moment))
+    for found in (
+        state_at(ctx, "door", query).probability,
+        grid_of(ctx, asked),
+        predicted.probability[0],
+        buffered.lease.value.arrow.columns["probability"],
+    ):
+        np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(grid_of(ctx, ask(ctx, "door", replace(query, given="model", last_seen=True))), read)
 
 
 def test_late_readings_change_the_answer(ctx: Context) -> None:

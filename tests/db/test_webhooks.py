@@ -5,6 +5,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +15,12 @@ from tests.support.contexts import at_work, elected, make_location, opened, post
 from tests.support.fleet import dice
 from tests.support.receiver import BREAK, Receiver, receiving
 from tests.support.waiting import until
+from tidemap.schemas.common import iso, parse_time
 from tidemap.scope import EVERYWHERE, Scope
 from tidemap.services import delivery
 from tidemap.services.context import Context
-from tidemap.services.locations import delete_location
+from tidemap.services.locations import delete_location, find_location
+from tidemap.services.snoozing import snooze
 from tidemap.services.webhooks import (
     change_webhook,
     create_webhook,
@@ -84,17 +87,86 @@ def test_a_receiver_that_fails_at_random_misses_nothing(ctx: Context, monkeypatc
                 posted += [alarm(ctx, door, 10 * part + number) for number in range(10)]
                 wanted = chance.randrange(len(posted)) if part < 3 else len(posted)
                 until(lambda: len(ids(receiver.accepted)) >= wanted)  # noqa: B023
-        until(lambda: len(ids(receiver.accepted)) == len(posted))
+        # What arrived just when the last of them ended is sent again.
+        with sending(ctx):
+            until(lambda: not deliveries(ctx, webhook, "waiting"))
     assert ids(receiver.accepted) == set(posted)
     names: dict[int, set[str]] = defaultdict(set)
     for name, message in receiver.came:
         names[message["data"]["id"]].add(name)
     assert {len(each) for each in names.values()} == {1}, "an id stays through all attempts"
     assert len(set.union(*names.values())) == len(posted)
-    with sending(ctx):
-        until(lambda: not deliveries(ctx, webhook, "waiting"))
     assert deliveries(ctx, webhook, "failed") == []
     assert {each.anomaly_id for each in deliveries(ctx, webhook, "delivered")} == set(posted)
+
+
+def test_what_becomes_of_an_event_is_sent_in_its_order(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each change under an id of its own, whatever fails; what changes before it is sent goes with it."""
+    monkeypatch.setattr(delivery, "RETRY_S", (0.0,) * 1000)
+    monkeypatch.setattr(webhooks, "POLL_S", 0.01)
+    chance, door = dice(), room(ctx)
+    with receiving(lambda: chance.choice([200, 204, 500, BREAK])) as receiver:
+        subscribe(ctx, receiver)
+        events = {alarm(ctx, door, number): 1000.0 + 100 * number for number in range(3)}
+        for _ in range(3):
+            with sending(ctx):
+                for _ in range(8):
+                    grown = chance.choice(list(events))
+                    events[grown] += 1
+                    post_states(ctx, door, [events[grown]], [1])
+        with sending(ctx):
+            until(lambda: stops(receiver) == events)
+    for id_ in events:
+        mine = [(name, each["data"]) for name, each in receiver.came if each["data"]["id"] == id_]
+        assert [each["change"] for _, each in mine] == sorted(each["change"] for _, each in mine)
+        names = list(dict.fromkeys(name for name, _ in mine))
+        assert [name for name, _ in groupby(name for name, _ in mine)] == names, (
+            "none before the one before has its end"
+        )
+        updates = [{each["update"] for name, each in mine if name == message} for message in names]
+        assert updates == [{False}, *[{True}] * (len(names) - 1)]
+
+
+def stops(receiver: Receiver) -> dict[int, float]:
+    """In which second each event was seen last, as far as a receiver has heard."""
+    return {id_: parse_time(each["stop"]) - 1 for id_, each in latest(receiver).items()}
+
+
+def latest(receiver: Receiver) -> dict[int, dict[str, Any]]:
+    """What a receiver has heard last of each event."""
+    return {message["data"]["id"]: message["data"] for _, message in receiver.accepted}
+
+
+def test_a_change_while_a_delivery_is_under_way_is_sent_after_it(ctx: Context) -> None:
+    door = room(ctx)
+    with receiving(lambda: _grow(ctx, door)) as receiver, sending(ctx):
+        subscribe(ctx, receiver)
+        number = alarm(ctx, door, 0)
+        until(lambda: latest(receiver).get(number, {}).get("stop") == iso(1002.0))
+    assert [each["data"]["stop"] for _, each in receiver.accepted] == [iso(1001.0), iso(1002.0)]
+
+
+def _grow(ctx: Context, door: str) -> int:
+    """A receiver that takes its time: meanwhile the event grows, and that is looked at."""
+    if find_location(ctx, door).last_time != 1001.0:
+        post_states(ctx, door, [1001.0], [1])
+        delivery.add_due(ctx, 1)
+    return 204
+
+
+def test_nothing_is_sent_of_what_is_snoozed_until_it_is_over(ctx: Context) -> None:
+    door = room(ctx)
+    with receiving() as receiver, sending(ctx):
+        subscribe(ctx, receiver)
+        quiet, loud = alarm(ctx, door, 0), alarm(ctx, door, 1)
+        until(lambda: ids(receiver.accepted) == {quiet, loud})
+        snooze(ctx, quiet, "ann", ctx.clock() + 1000)
+        post_states(ctx, door, [1001.0], [1])
+        post_states(ctx, door, [1101.0], [1])
+        until(lambda: latest(receiver)[loud]["stop"] == iso(1102.0))
+        assert latest(receiver)[quiet]["stop"] == iso(1001.0)
+        snooze(ctx, quiet, "ann", None)
+        until(lambda: latest(receiver)[quiet]["stop"] == iso(1002.0))
 
 
 def test_what_fails_is_tried_ever_more_rarely_and_put_aside(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -279,7 +351,7 @@ def test_of_a_location_that_is_gone_nothing_is_sent(ctx: Context) -> None:
     with receiving() as receiver:
         webhook = subscribe(ctx, receiver)
         number = alarm(ctx, door, 1)
-        ctx.store.write(lambda work: work.webhooks.add_deliveries(webhook, {number: "msg_x"}, number, ctx.clock()))
+        ctx.store.write(lambda work: work.webhooks.add_deliveries(webhook, {number: ("msg_x", False)}, number, 0.0))
         delete_location(ctx, door)
         with sending(ctx):
             until(lambda: not deliveries(ctx, webhook, "waiting"))

@@ -1,8 +1,11 @@
 """What commands end with and say: 0 done, 1 failed, 2 wrong usage. Run in this process, for they are many."""
 
+import argparse
+import shutil
 import sqlite3
 import subprocess
 import sys
+from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
@@ -11,6 +14,7 @@ import pytest
 from tests.support.here import command
 from tests.support.paths import ROOT
 from tests.support.server import ServerProcess, clean_environment
+from tidemap.cli import parser
 
 
 def test_a_secret_alone_is_on_the_output_for_scripts(tmp_path: Path) -> None:
@@ -54,18 +58,24 @@ class TestExitStatus:
             ("dance",),
             ("serve", "--colour"),
             ("serve", "--port", "many"),
+            ("serve", "--port", "70000"),
+            ("completion",),
+            ("completion", "tcsh"),
             ("keys",),
             ("keys", "create"),
             ("keys", "create", "--role", "king"),
             ("keys", "revoke"),
             ("keys", "revoke", "x"),
             ("keys", "rotate"),
+            ("keys", "rotate", "1", "--overlap", "-1"),
             ("keys", "create", "--role", "robot", "--expires", "tomorrow"),
             ("locations",),
             ("locations", "delete", "door"),
             ("locations", "rename", "door"),
             ("anomalies", "--start", "yesterday"),
+            ("anomalies", "--limit", "0"),
             ("update",),
+            ("update", "door", "--wait", "-1"),
             ("serve", "--data", "a", "--database-url", "b"),
         ],
         ids=" ".join,
@@ -74,6 +84,27 @@ class TestExitStatus:
         done = command(*words)
         assert done.returncode == 2
         assert "usage: tidemap" in done.stderr
+
+    @pytest.mark.parametrize(
+        "words",
+        [
+            ("locations", "list", "--url", "127.0.0.1:8000"),
+            ("demo", "--url", "ftp://127.0.0.1"),
+            ("export", "door", "--format", "ply", "--key", "two words"),
+            ("import", "file.bag"),
+        ],
+        ids=" ".join,
+    )
+    def test_values_that_mean_nothing(self, words: tuple[str, ...]) -> None:
+        done = command(*words)
+        assert (done.returncode, done.stdout) == (2, "")
+        assert done.stderr.startswith("tidemap: ")
+        assert "two words" not in done.stderr
+
+    def test_every_command_that_ends_answers_in_json(self) -> None:
+        endless = {"serve", "worker", "demo", "completion"}
+        silent = [path for path, leaf in leaves(parser()) if "--json" not in leaf.format_usage()]
+        assert set(silent) == endless
 
     @pytest.mark.parametrize("words", [("--help",), ("--version",), ("serve", "--help"), ("keys", "create", "--help")])
     def test_questions_about_it(self, words: tuple[str, ...]) -> None:
@@ -128,6 +159,43 @@ class TestExitStatus:
         (tmp_path / "file").write_text("")
         done = command("serve", "--port", "0", "--data", str(tmp_path / "file" / "data"))
         assert done.returncode == 1
+
+
+class TestCompletion:
+    """`tidemap completion`, as shells read it."""
+
+    def complete(self, *words: str) -> list[str]:
+        """What bash offers for the last word."""
+        script = command("completion", "bash").stdout
+        line = f"COMP_WORDS=(tidemap {' '.join(map(repr, words))}); COMP_CWORD={len(words)}"
+        ask = f'{script}\n{line}\n_shtab_tidemap\necho "${{COMPREPLY[@]}}"'
+        done = subprocess.run(["bash", "-c", ask], capture_output=True, text=True, check=True)
+        return done.stdout.split()
+
+    def test_bash_completes_commands_actions_options_and_choices(self) -> None:
+        assert self.complete("loc") == ["locations"]
+        assert set(self.complete("locations", "re")) == {"rename"}
+        assert self.complete("keys", "create", "--ro") == ["--role"]
+        assert self.complete("keys", "create", "--role", "ro") == ["robot"]
+
+    @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+    def test_every_shell_gets_every_command(self, shell: str) -> None:
+        done = command("completion", shell)
+        assert (done.returncode, done.stderr) == (0, "")
+        for path, _ in leaves(parser()):
+            assert path.split()[-1] in done.stdout
+        if (found := shutil.which(shell)) is not None:
+            subprocess.run([found, "-n"], input=done.stdout, text=True, check=True)
+
+
+def leaves(tree: argparse.ArgumentParser, path: str = "") -> Iterator[tuple[str, argparse.ArgumentParser]]:
+    """Every command without commands of its own, by its words."""
+    groups = [action for action in tree._actions if isinstance(action, argparse._SubParsersAction)]
+    if not groups:
+        yield path.strip(), tree
+    for group in groups:
+        for name, child in group.choices.items():
+            yield from leaves(child, f"{path} {name}")
 
 
 class TestMigrate:

@@ -5,6 +5,7 @@ from pathlib import Path
 import httpx
 
 from tests.support.server import ServerProcess, StartServer, fresh, run_command
+from tidemap.version import __version__
 
 DOOR = {"name": "door", "kind": "state", "interval_s": 60}
 SEEN = {"time": [0, 60, 120], "state": [0, 1, 0]}
@@ -13,6 +14,10 @@ SEEN = {"time": [0, 60, 120], "state": [0, 1, 0]}
 def test_it_stops_cleanly(server: StartServer) -> None:
     started = server(launch=fresh)
     assert started.stop() == 0
+    begun, *_, ended = (line for line in started.output().splitlines() if " tidemap.server.serving: " in line)
+    assert f"Tidemap {__version__} on sqlite:///{started.data}/tidemap.db" in begun
+    assert "everybody on this machine is an admin" in begun
+    assert "stops" in ended
     assert [path.name for path in started.data.iterdir()] == ["tidemap.db"]
 
 

@@ -1,10 +1,11 @@
 """Readers whose connections break at any byte miss nothing and hear nothing twice, over both transports."""
 
 import asyncio
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from itertools import chain, islice, repeat
+from itertools import chain, repeat
+from typing import Any
 
 import httpx
 import pytest
@@ -17,11 +18,15 @@ from tests.support.server_sent import event_source
 from tests.support.site import Site
 from tests.support.waiting import until
 from tidemap.client import AsyncClient, Client, RetryPolicy
+from tidemap.schemas.common import parse_time
 
-EVENTS = 60
+EVENTS = 30
+LAST = 10_000
+"""When the last event begins."""
 EAGER = RetryPolicy(tries=10_000, first_s=0.001, max_s=0.01)
-Read = Callable[[str, str, int], list[int]]
-"""The ids of the next anomalies of a location that a reader of a server hears: (url, location, how many)."""
+Heard = list[Mapping[str, Any]]
+Read = Callable[[str, str], Heard]
+"""The messages that a reader of a server hears of a location's anomalies, up to the last one: (url, location)."""
 
 
 @pytest.fixture(scope="module")
@@ -30,25 +35,37 @@ def site(shared_server: ServerProcess) -> Iterator[Site]:
         yield made
 
 
-def by_client(url: str, room: str, number: int) -> list[int]:
+def by_client(url: str, room: str) -> Heard:
     """Over the WebSocket, with the client."""
+    found: Heard = []
     with Client(url, retry=EAGER) as client:
-        return [each.id or 0 for each in islice(client.events(room, "anomaly"), number)]
+        for message in client.events(room, "anomaly"):
+            found.append(message.data)
+            if is_last(message.data):
+                break
+    return found
 
 
-def by_event_source(url: str, room: str, number: int) -> list[int]:
+def by_event_source(url: str, room: str) -> Heard:
     """Over Server-Sent Events, as a browser reconnects."""
-    found: list[int] = []
+    found: Heard = []
     last_id = None
-    while len(found) < number:
+    while not (found and is_last(found[-1])):
         with suppress(httpx.TransportError), event_source(url, f"?location={room}&kind=anomaly", last_id) as source:
             try:
                 last_id = last_id or source.headers["Last-Event-ID"]
-                found.extend(message["id"] for message in islice(source, number - len(found)))
+                for message in source:
+                    found.append(message)
+                    if is_last(message):
+                        break
             finally:
                 # A cut may come between the line with the id and its data.
-                last_id = str(found[-1]) if found else last_id
+                last_id = str(found[-1]["change"]) if found else last_id
     return found
+
+
+def is_last(message: Mapping[str, Any]) -> bool:
+    return parse_time(message["start"]) == LAST
 
 
 both = pytest.mark.parametrize("read", [by_client, by_event_source])
@@ -56,17 +73,28 @@ both = pytest.mark.parametrize("read", [by_client, by_event_source])
 
 @both
 @settings(max_examples=12, suppress_health_check=list(HealthCheck))
-@given(cuts=st.lists(st.integers(0, 3000), max_size=30))
-def test_connections_that_break_at_any_byte_cost_nothing(site: Site, read: Read, cuts: list[int]) -> None:
+@given(cuts=st.lists(st.integers(0, 3000), max_size=30), grows=st.lists(st.integers(0, EVENTS - 1), max_size=30))
+def test_connections_that_break_at_any_byte_cost_nothing(
+    site: Site, read: Read, cuts: list[int], grows: list[int]
+) -> None:
+    """Of what happens meanwhile to an event the reader hears the outcome, after all that came before, and once."""
     room = site.empty_room()
     # The first connection lasts until it knows where it stands: what came before is not asked for.
     allowed = chain([1000], cuts, repeat(None))
+    stop = {number: 100 + 100 * number for number in range(EVENTS)}
     with cutting(site.server.port, lambda: next(allowed)) as proxy, ThreadPoolExecutor(1) as pool:
-        reading = pool.submit(read, proxy.url, room, EVENTS)
+        reading = pool.submit(read, proxy.url, room)
         until(lambda: _listeners(site) or proxy.connections > 1)
-        for moment in range(100, 100 + 2 * EVENTS, 2):
-            site.observe(room, [moment], [1])
-        assert reading.result() == site.anomalies(location=room)
+        for number in [*range(EVENTS), *grows]:
+            site.observe(room, [stop[number]], [1])
+            stop[number] += 1
+        site.observe(room, [LAST], [1])
+        heard = reading.result()
+    changes = [message["change"] for message in heard]
+    assert changes == sorted(set(changes))
+    assert sorted(message["id"] for message in heard if not message["update"]) == site.anomalies(location=room)
+    outcome = {parse_time(message["start"]): parse_time(message["stop"]) for message in heard}
+    assert outcome == {100 + 100 * number: end for number, end in stop.items()} | {LAST: LAST + 1}
     until(lambda: not _listeners(site))
 
 

@@ -74,7 +74,17 @@ def test_a_location_is_updated(site: Site) -> None:
     assert ": failed (" in failed.stdout
 
 
-@pytest.mark.parametrize("words", [("locations", "list"), ("anomalies",), ("update", "door")], ids=" ".join)
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("locations", "list"),
+        ("anomalies",),
+        ("update", "door"),
+        ("export", "door", "--format", "ply"),
+        ("demo", "--no-live"),
+    ],
+    ids=" ".join,
+)
 def test_a_server_that_is_not_there_is_named(words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     once = RetryPolicy(tries=1)
     monkeypatch.setattr("tidemap.client.blocking.RetryPolicy", lambda: once)
@@ -85,7 +95,7 @@ def test_a_server_that_is_not_there_is_named(words: tuple[str, ...], monkeypatch
 
 def test_a_wrong_address_or_key_is_said(site: Site) -> None:
     done = command("locations", "list", "--url", "127.0.0.1:8000")
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert "http://" in done.stderr
     refused = ask(site, "locations", "list", "--key", "tm_wrong")
     assert refused.returncode == 1

@@ -16,7 +16,6 @@ from tidemap.spectral.estimators import ESTIMATORS
 from tidemap.spectral.model import add, reconstruct, update
 from tidemap.spectral.outliers import count, count_outliers, find_outliers
 from tidemap.spectral.prediction import (
-    StateColumns,
     known,
     predict,
     predict_slow,
@@ -24,9 +23,9 @@ from tidemap.spectral.prediction import (
     probability,
     state,
     verdict,
-    write_waves,
 )
 from tidemap.spectral.spectrum import components
+from tidemap.spectral.state_columns import StateColumns, write_waves
 from tidemap.storage.blobs import pack_measurements, unpack_measurements
 
 BASE = TimeBase(1.7e9, 300.0)

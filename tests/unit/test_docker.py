@@ -12,6 +12,7 @@ import yaml
 from tests.support.commands import refusal
 from tests.support.documents import code_lines
 from tests.support.paths import ROOT
+from tests.support.server import READY_S
 from tidemap.cli import parser
 from tidemap.settings import Settings
 
@@ -111,6 +112,19 @@ def test_ports_and_folders_agree(
     assert final["VOLUME"] == str(settings.data)
     assert [volume.split(":")[1] for volume in server["volumes"]] == [str(settings.data)]
     assert "/readyz" in final["HEALTHCHECK"]
+
+
+def test_settings_of_the_user_reach_the_server(compose: dict[str, Any]) -> None:
+    (file,) = compose["services"]["server"]["env_file"]
+    assert file == {"path": "tidemap.env", "required": False}
+    assert file["path"] in (ROOT / "docker" / ".gitignore").read_text().split(), "it may hold a secret"
+
+
+def test_a_first_start_has_the_time_to_compile(final: dict[str, str], compose: dict[str, Any]) -> None:
+    given = re.search(r"--start-period=(\d+)s", final["HEALTHCHECK"])
+    assert given is not None
+    assert int(given[1]) > READY_S
+    assert compose["services"]["server"]["healthcheck"]["start_period"] == f"{given[1]}s"
 
 
 def test_the_health_check_is_python_that_compiles(final: dict[str, str]) -> None:

@@ -71,6 +71,22 @@ def test_the_document_says_what_the_paper_does() -> None:
         assert float(rows[2][day]) > max(float(rows[1][day]), float(rows[3][day]))
 
 
+def test_the_document_says_that_registration_pays() -> None:
+    for line in parse(BLOCKS["lab_poses"]):
+        true, registered, stated = (float(line[f"{name} poses"]) for name in ("true", "registered", "stated"))
+        assert abs(true - registered) <= 0.02
+        assert registered > stated
+    for line in parse(BLOCKS["lab_registration"]):
+        assert int(line["wrong of them"]) <= 0.01 * int(line["accepted"].replace(",", ""))
+
+
+def test_the_laboratory_is_as_predictable_as_the_papers() -> None:
+    rows = parse(BLOCKS["laboratory"])
+    assert len(rows) == 9
+    for line in rows:
+        assert min(float(line["reconstruction"]), float(line["prediction, next two days"])) > 0.9
+
+
 @pytest.mark.parametrize("name", MEASURES)
 def test_the_means_are_those_of_the_rooms(name: str) -> None:
     *rooms, mean = parse(BLOCKS[name])

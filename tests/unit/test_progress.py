@@ -27,6 +27,17 @@ def test_progress_is_a_bar_on_a_terminal_and_lines_elsewhere() -> None:
     assert log.getvalue().splitlines()[-1].startswith("History: done after")
 
 
+@pytest.mark.parametrize(("stream", "says"), [(Terminal(), "Copying: 100%"), (io.StringIO(), "Copying: 100 % of 8\n")])
+def test_a_length_that_becomes_known_on_the_way(
+    stream: io.StringIO, says: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tidemap.progress.LINE_EVERY_S", 0.0)
+    with ShownProgress(stream).share("Copying") as show:
+        show(2, 8)
+        show(8, 8)
+    assert says in stream.getvalue()
+
+
 def test_lines_say_how_far_it_is_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = iter([0.0, 0.0, 1.0, 6.0, 6.0, 7.0, 8.0, 8.0])
     monkeypatch.setattr("tidemap.progress.time.monotonic", lambda: next(clock))

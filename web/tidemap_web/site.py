@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 from fastapi import FastAPI, Request, Response
 
-from tidemap.api.main import BASE
+from tidemap.api.addresses import BASE
 from tidemap.services.context import Context
 from tidemap_web.pages import assets, problems, routes
 from tidemap_web.pages.templates import page

@@ -34,6 +34,8 @@ from tidemap.settings import Settings, is_loopback
 Answer = TypeVar("Answer")
 COOKIE = "tidemap_session"
 RECHECK_S = 2.0
+SHARED_S = 1.0
+"""How old a check of a key may be that sockets share."""
 ENDED = (4401, "the key or session has ended; sign in again")
 READING = frozenset({"GET", "HEAD", "OPTIONS"})
 
@@ -87,12 +89,24 @@ async def until_ended(connection: HTTPConnection) -> None:
     while True:
         await asyncio.sleep(RECHECK_S)
         try:
-            if await run_in_threadpool(_look_up, connection) != opened_by:
+            if await _shared_check(connection) != opened_by:
                 return
         except (UnauthorizedError, OtherSiteError):
             return
         except (DomainError, SQLAlchemyError):
             continue
+
+
+async def _shared_check(connection: HTTPConnection) -> Principal:
+    """As `_look_up`, once for all sockets that were opened with the same key or session."""
+    key_checks = state_of(connection).key_checks
+    sent = _bearer(connection), connection.cookies.get(COOKIE)
+    if (task := key_checks.get(sent)) is None:
+        task = key_checks[sent] = asyncio.create_task(run_in_threadpool(_look_up, connection))
+        # The socket that asked may be closed when it fails.
+        task.add_done_callback(lambda ended: ended.cancelled() or ended.exception())
+        asyncio.get_running_loop().call_later(SHARED_S, key_checks.pop, sent, None)
+    return await asyncio.shield(task)
 
 
 def _look_up(connection: HTTPConnection) -> Principal:
@@ -207,7 +221,11 @@ def refuse_other_sites(connection: HTTPConnection) -> None:
     if origin is None or connection.scope.get("method") in READING:
         return
     if _part(origin, "netloc") != connection.headers.get("host"):
-        raise OtherSiteError(f"A page at {origin} may do nothing here. Programs send a key, and no Origin.")
+        host = connection.headers.get("host")
+        raise OtherSiteError(
+            f"A page at {origin} may do nothing at {host}. Programs send a key, and no Origin. If both are the same "
+            "site, the proxy between has to pass the Host header on."
+        )
 
 
 def _principal(connection: HTTPConnection) -> Principal:

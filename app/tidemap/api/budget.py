@@ -110,6 +110,11 @@ class Budget:
         self._small = Lane(total // SMALL_PART)
         self._large = Lane(total - total // SMALL_PART)
 
+    @property
+    def held(self) -> int:
+        """What is given now, in both lanes."""
+        return self._small.held + self._large.held
+
     @contextmanager
     def share(self) -> "Iterator[Share]":
         """The share of one body, given back at the end."""

@@ -7,6 +7,7 @@ from fastapi import Depends, Query, Request
 from pydantic import AfterValidator, BeforeValidator, WithJsonSchema
 from starlette.concurrency import run_in_threadpool
 
+from tidemap.api.addresses import BASE
 from tidemap.api.auth import Admission, authenticate, require, require_filtering, require_sender
 from tidemap.api.bodies import read_body
 from tidemap.api.budget import Share
@@ -19,7 +20,6 @@ from tidemap.services.context import Context
 from tidemap.services.keys import Principal
 
 MAX_ID = 2**63 - 1
-BASE = "/api/v1"
 
 
 async def context(request: Request) -> Context:

@@ -1,7 +1,9 @@
 """Large answers from arrays: JSON, Arrow or npy, without a Python object per cell."""
 
+import asyncio
 import hashlib
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict
 from typing import Any
 
@@ -11,6 +13,7 @@ from numpy.typing import NDArray
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
+from tidemap.api.connections import abort
 from tidemap.formats import json_columns
 from tidemap.formats.npy import write_grid
 from tidemap.formats.registry import WRITERS
@@ -18,13 +21,18 @@ from tidemap.formats.table import Column, Labels, Nullable
 from tidemap.history.history import UNOBSERVED
 from tidemap.media_types import ARROW, JSON, NPY
 from tidemap.schemas.common import iso
-from tidemap.services.buffer_pool import BufferLease
+from tidemap.services.context import Context
 from tidemap.services.information import InformationView
 from tidemap.services.predict import PredictionView
 from tidemap.services.series import SeriesView
-from tidemap.services.state import StateFacts, StateView
-from tidemap.services.state_buffer import StateBuffer
+from tidemap.services.state import Asked, BufferedState, StateFacts, StateView, buffer_of, grid_of, view_of
+from tidemap.services.state_buffer import seen_columns
 from tidemap.spectral.prediction import VERDICTS
+
+PIECE_BYTES = 1 << 16
+"""What is handed to the connection at once; it takes the next one when its own buffer has room."""
+MAX_STALL_S = 60.0
+"""How long a reader may take nothing of an answer that holds memory of the budget."""
 
 
 def preferred(request: Request, offered: tuple[str, ...]) -> str:
@@ -62,16 +70,51 @@ class Parts(Response):
         await send({"type": "http.response.body", "body": last})
 
 
-def encode_buffer(facts: StateFacts, lease: BufferLease[StateBuffer]) -> Response:
-    """The answer to a question about a whole map, in Arrow."""
-    return Parts((lease.value.arrow.head(_state_facts(facts)), lease.memory.data), ARROW)
+class LeasedResponse(Response):
+    """A response that holds its memory of a budget until it is sent; a reader who pauses too long is cut off."""
+
+    def __init__(self, content: bytes, media_type: str, lease: ExitStack) -> None:
+        super().__init__(content, media_type=media_type)
+        self._lease = lease
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send it in pieces, each when there is room for it, and then give the memory back."""
+        with self._lease:
+            await send({"type": "http.response.start", "status": self.status_code, "headers": self.raw_headers})
+            content = memoryview(self.body)
+            try:
+                for begin in range(0, len(content), PIECE_BYTES):
+                    piece = bytes(content[begin : begin + PIECE_BYTES])
+                    async with asyncio.timeout(MAX_STALL_S):
+                        await send({"type": "http.response.body", "body": piece, "more_body": True})
+            except TimeoutError:
+                abort(scope)
+                return
+            await send({"type": "http.response.body", "body": b""})
 
 
-def encode_grid(facts: StateFacts, grid: NDArray[np.float32]) -> Response:
-    """A dense grid of probabilities in npy."""
-    response = Parts(write_grid(grid), NPY)
-    response.headers["Tidemap-Revision"] = str(facts.revision)
+def encode_answer(ctx: Context, asked: Asked, media_type: str) -> Response:
+    """The answer to a question for one time, in JSON, Arrow or npy; a whole map in Arrow from its buffer."""
+    response = _encoded(ctx, asked, media_type)
+    response.headers["Tidemap-Revision"] = str(asked.facts().revision)
     return response
+
+
+def _encoded(ctx: Context, asked: Asked, media_type: str) -> Response:
+    if media_type == NPY:
+        return encode_grid(grid_of(ctx, asked))
+    buffered = buffer_of(ctx, asked) if media_type == ARROW else None
+    return encode_state(view_of(ctx, asked), media_type) if buffered is None else encode_buffer(buffered)
+
+
+def encode_buffer(answer: BufferedState) -> Response:
+    """The answer to a question about a whole map, in Arrow."""
+    return Parts((answer.lease.value.arrow.head(_state_facts(answer.facts)), answer.lease.memory.data), ARROW)
+
+
+def encode_grid(grid: NDArray[np.float32]) -> Response:
+    """A dense grid of probabilities in npy."""
+    return Parts(write_grid(grid), NPY)
 
 
 def encode_state(view: StateView, media_type: str) -> Response:
@@ -102,8 +145,7 @@ def _state_columns(view: StateView) -> dict[str, Column]:
         "verdict": Labels(view.verdict, VERDICTS),
     }
     if view.observed is not None and view.observed_time is not None:
-        columns["observed"] = _states(view.observed)
-        columns["observed_time"] = Nullable(view.observed_time, np.isnan(view.observed_time))
+        columns |= seen_columns(view.observed, view.observed_time)
     if view.last_seen is not None:
         columns["last_seen"] = Nullable(view.last_seen, np.isnan(view.last_seen))
     return columns

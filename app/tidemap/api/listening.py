@@ -19,10 +19,14 @@ from tidemap.events.subscription import KINDS, EventFilter, EventStream
 from tidemap.services.context import Context
 from tidemap.services.keys import allows
 from tidemap.services.locations import find_location
-from tidemap.services.messages import latest_anomaly, missed_anomalies
+from tidemap.services.messages import latest_change, missed_changes
 
 POSITION = "Last-Event-ID"
-"""The header that names the last anomaly before the first message, so that a reader can resume before it has any."""
+"""The header that names the last change of an anomaly before the first message, so that a reader can resume before it
+has any."""
+
+REST_S = 0.05
+"""After each time that something was sent a reader rests so long, and then gets all that has come meanwhile at once."""
 
 
 class End(Enum):
@@ -38,7 +42,7 @@ class End(Enum):
 def wanted_events(
     connection: HTTPConnection, location: str | None, kinds: Sequence[str], after: str | None
 ) -> EventFilter:
-    """What a reader asks for. Without `after` it is the anomalies from now on: the filter names the last one so far.
+    """What a reader asks for. Without `after` it is the anomalies from now on: the filter names the last change so far.
 
     Raises UnauthorizedError, ForbiddenError, OtherSiteError, RateLimitError, InvalidInputError, LocationNotFoundError.
     """
@@ -53,7 +57,7 @@ def wanted_events(
         check_name(principal, location)
         find_location(ctx, location)
     known = cursor("after", after)
-    latest = latest_anomaly(ctx)
+    latest = latest_change(ctx)
     # A database that was restored counts from an earlier number than a reader may have seen.
     resume_from = latest if known is None else min(known, latest)
     return EventFilter(location, frozenset(asked) or KINDS, resume_from, principal.scope)
@@ -66,9 +70,10 @@ async def listening(connection: HTTPConnection, wanted: EventFilter, transport: 
     ctx: Context = state.ctx
 
     async def missed(after: int, limit: int) -> list[EventMessage]:
-        return await run_in_threadpool(missed_anomalies, ctx, wanted, after, limit)
+        return await run_in_threadpool(missed_changes, ctx, wanted, after, limit)
 
-    with state.listeners.count(transport), EventStream(ctx.bus, wanted, ctx.settings.socket_queue, missed) as stream:
+    limit, lag = ctx.settings.socket_queue, state.listeners.lag(transport)
+    with state.listeners.count(transport), EventStream(ctx.bus, wanted, limit, missed, lag) as stream:
         yield stream
         if stream.overflowed.is_set():
             state.listeners.drop(transport)

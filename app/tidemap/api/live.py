@@ -3,14 +3,14 @@
 import asyncio
 from contextlib import suppress
 
-import orjson
 from fastapi import APIRouter, WebSocket
 from starlette.concurrency import run_in_threadpool
 from starlette.websockets import WebSocketDisconnect, WebSocketState
 
 from tidemap.api.auth import ENDED, authenticate
+from tidemap.api.connections import bound_buffer, sender_of
 from tidemap.api.errors import domain_response
-from tidemap.api.listening import POSITION, End, listening, serve, wanted_events
+from tidemap.api.listening import POSITION, REST_S, End, listening, serve, wanted_events
 from tidemap.api.parameters import refuse_unknown
 from tidemap.errors import DomainError
 from tidemap.events.subscription import EventFilter, EventStream
@@ -32,6 +32,7 @@ async def events(socket: WebSocket) -> None:
     except DomainError as error:
         await socket.send_denial_response(domain_response(socket.url.path, error))
         return
+    bound_buffer(socket.scope)
     async with listening(socket, wanted, "websocket") as stream:
         await socket.accept(headers=[(POSITION.lower().encode(), str(wanted.after).encode())])
         end = await serve(socket, stream, _send(socket, stream), _until_gone(socket))
@@ -55,8 +56,10 @@ async def _close(socket: WebSocket, code: int, reason: str) -> None:
 
 
 async def _send(socket: WebSocket, stream: EventStream) -> None:
+    send = sender_of(socket)
     async for message in stream:
-        await socket.send_text(orjson.dumps(message.wire()).decode())
+        await send([each.encoded for each in (message, *stream.at_hand())])
+        await asyncio.sleep(REST_S)
 
 
 async def _until_gone(socket: WebSocket) -> None:

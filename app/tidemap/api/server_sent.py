@@ -1,15 +1,14 @@
 """Server-Sent Events: an answer that goes on, one text block a message (WHATWG HTML, section 9.2)."""
 
 import asyncio
-from collections.abc import Callable
 from contextlib import suppress
 
-import orjson
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import Message, Receive, Scope, Send
 
-from tidemap.api.listening import POSITION, End, listening, serve
+from tidemap.api.connections import abort, bound_buffer
+from tidemap.api.listening import POSITION, REST_S, End, listening, serve
 from tidemap.api.state import state_of
 from tidemap.events.messages import EventMessage
 from tidemap.events.subscription import EventFilter, EventStream
@@ -23,8 +22,6 @@ STOP_POLL_S = 0.5
 END_S = 2.0
 """How long the end of the answer may wait for the reader."""
 LAST: Message = {"type": "http.response.body", "body": b""}
-ABORT = "tidemap.abort"
-"""The ASGI extension that ends a connection without waiting for its reader."""
 
 
 class ServerSentEvents(Response):
@@ -42,15 +39,16 @@ class ServerSentEvents(Response):
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Send until it ends."""
+        bound_buffer(scope)
         async with listening(self._request, self._wanted, "sse") as stream:
             await send({"type": "http.response.start", "status": 200, "headers": self.raw_headers})
             carrying = self._send(stream, send), _until_gone(receive), self._until_stopping()
             if await serve(self._request, stream, *carrying) is End.TOO_SLOW:
-                _abort(scope)
+                abort(scope)
             try:
                 await asyncio.wait_for(send(LAST), END_S)
             except TimeoutError:
-                _abort(scope)
+                abort(scope)
                 # It waits until the connection has gone.
                 with suppress(TimeoutError):
                     await asyncio.wait_for(send(LAST), END_S)
@@ -60,10 +58,12 @@ class ServerSentEvents(Response):
         while True:
             try:
                 async with asyncio.timeout(HEARTBEAT_S):
-                    block = block_of(await anext(stream))
+                    first = await anext(stream)
+                block = b"".join(map(block_of, (first, *stream.at_hand())))
             except TimeoutError:
                 block = b": still here\n\n"
             await _write(send, block)
+            await asyncio.sleep(REST_S)
 
     async def _until_stopping(self) -> None:
         stopping = state_of(self._request).stopping
@@ -72,14 +72,13 @@ class ServerSentEvents(Response):
 
 
 def block_of(message: EventMessage) -> bytes:
-    """A message as a block of the stream; a new anomaly's id is the point to resume from.
+    """A message as a block of the stream; the number of an anomaly's change is the point to resume from.
 
-    >>> block_of(EventMessage("anomaly", "lab", 7, 0.0))
-    b'id: 7\\ndata: {"kind":"anomaly","location":"lab","id":7,"time":"1970-01-01T00:00:00Z"}\\n\\n'
+    >>> block_of(EventMessage("anomaly", "lab", 7, 0.0, {"change": 9}))
+    b'id: 9\\ndata: {"change":9,"kind":"anomaly","location":"lab","id":7,"time":"1970-01-01T00:00:00Z"}\\n\\n'
     """
-    is_new = message.kind == "anomaly" and not message.data.get("update")
-    head = b"id: %d\n" % message.id if is_new else b""
-    return head + b"data: " + orjson.dumps(message.wire()) + b"\n\n"
+    head = b"id: %d\n" % message.position if message.kind == "anomaly" else b""
+    return head + b"data: " + message.encoded + b"\n\n"
 
 
 async def _write(send: Send, block: bytes) -> None:
@@ -89,10 +88,3 @@ async def _write(send: Send, block: bytes) -> None:
 async def _until_gone(receive: Receive) -> None:
     while (await receive())["type"] != "http.disconnect":
         pass
-
-
-def _abort(scope: Scope) -> None:
-    """What waits for a reader that is stuck would wait for ever."""
-    abort: Callable[[], None] | None = scope.get("extensions", {}).get(ABORT)
-    if abort is not None:
-        abort()

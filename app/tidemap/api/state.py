@@ -1,5 +1,6 @@
 """State: what the requests of one application share, as one typed object."""
 
+from asyncio import Task
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from threading import Event
@@ -13,13 +14,17 @@ from tidemap.api.budget import Budget
 from tidemap.api.limits import Limits, Senders
 from tidemap.api.metrics import Listeners
 from tidemap.services.context import Context
+from tidemap.services.keys import Principal
+
+KeyChecks = dict[tuple[str | None, str | None], Task[Principal]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AppState:
     """`alive` says what runs in the background and whether it is at work; `refused` counts refusals by their code.
 
-    `long_questions` are answered a few at a time. `stopping` is set when the server begins to stop.
+    `long_questions` are answered a few at a time. `stopping` is set when the server begins to stop. `key_checks` are
+    those of keys and sessions that sockets share, by what was sent.
     """
 
     ctx: Context
@@ -32,6 +37,7 @@ class AppState:
     listeners: Listeners
     long_questions: CapacityLimiter
     stopping: Event = field(default_factory=Event)
+    key_checks: KeyChecks = field(default_factory=dict)
 
 
 def state_of(connection: HTTPConnection) -> AppState:

@@ -22,6 +22,7 @@ from tidemap.schemas.locations import (
     Position,
     SensorRates,
 )
+from tidemap.schemas.mutes import Mute
 
 Handle = TypeVar("Handle")
 Items: TypeAlias = list[F]
@@ -39,6 +40,7 @@ class AnomalyOperations(Resource):
         stop: TimeLike | None = None,
         min_surprise: float | None = None,
         acknowledged: bool | None = None,
+        muted: bool | None = None,
         limit: int | None = None,
     ) -> Listing[Event]:
         """Stored anomalies, oldest first, over all pages of `limit`; `after` resumes behind an event's id."""
@@ -48,6 +50,7 @@ class AnomalyOperations(Resource):
             stop=stop,
             min_surprise=min_surprise,
             acknowledged=acknowledged,
+            muted=muted,
             limit=limit,
         )
         return Listing(Page[Event], f"{self.path}/anomalies", query)
@@ -130,6 +133,47 @@ class ClientOperations(AnomalyOperations, Generic[Handle]):
     def acknowledge(self, anomaly_id: int, note: str | None = None) -> Plan[Event]:
         """Say that an operator has seen an anomaly."""
         return (yield from ask(Event, post(f"{self.path}/anomalies/{anomaly_id}/acknowledge", present(note=note))))
+
+    @operation
+    def snooze(self, anomaly_id: int, until: TimeLike | None) -> Plan[Event]:
+        """Let nobody hear of an anomaly until a time; None: from now on they do again."""
+        form = {"until": None if until is None else unix(until)}
+        return (yield from ask(Event, post(f"{self.path}/anomalies/{anomaly_id}/snooze", form)))
+
+    @operation
+    def mute(
+        self,
+        start: TimeLike,
+        stop: TimeLike,
+        *,
+        locations: Sequence[str] | None = None,
+        weekly: bool = False,
+        until: TimeLike | None = None,
+        note: str = "",
+    ) -> Plan[Mute]:
+        """Let nobody hear of anomalies in [start, stop), at some locations (names, or their beginnings and a `*`).
+
+        `weekly`: nor at the same time of later weeks, until `until`.
+        """
+        form = present(
+            start=unix(start),
+            stop=unix(stop),
+            locations=None if locations is None else [*locations],
+            weekly=weekly,
+            until=None if until is None else unix(until),
+            note=note,
+        )
+        return ask(Mute, post(f"{self.path}/mutes", form, repeatable=False))
+
+    @operation
+    def mutes(self) -> Plan[Items[Mute]]:
+        """When nobody hears of anomalies, and who wants that."""
+        return Listing(Page[Mute], f"{self.path}/mutes", {}).everything()
+
+    @operation
+    def unmute(self, mute_id: int) -> Plan[None]:
+        """Delete a mute: people hear of anomalies again."""
+        yield Request("DELETE", f"{self.path}/mutes/{mute_id}", repeatable=False)
 
 
 class Entries(Resource, Generic[F]):

@@ -20,10 +20,13 @@ Numbers: TypeAlias = Sequence[int] | Sequence[Sequence[int]] | NDArray[Any]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PostedColumns:
-    """time (n,) float64 Unix seconds, ascending; state (n,) uint8; cell (n,) uint32 or None (`state`)."""
+    """time (n,) float64 Unix seconds, ascending; state (n,) uint8; cell (n,) uint32 or None (`state`).
+
+    Where a sensor is unavailable in some rows, state is float32, and NaN there.
+    """
 
     time: NDArray[np.float64]
-    state: NDArray[np.uint8]
+    state: NDArray[np.uint8] | NDArray[np.float32]
     cell: NDArray[np.uint32] | None
 
     def __len__(self) -> int:
@@ -41,8 +44,11 @@ class PostedColumns:
 
 
 def measurements(time: TimesLike, state: Any, cell: Any = None) -> PostedColumns:
-    """Columns in order of time; one time for all is repeated. Raises ValueError where lengths differ."""
-    states = _small(state, "state", np.uint8)
+    """Columns in order of time; one time for all is repeated, a state None or NaN says that its sensor is unavailable.
+
+    Raises ValueError where lengths differ.
+    """
+    states = _states(state)
     cells = None if cell is None else _small(cell, "cell", np.uint32)
     times = unix_array(time)
     if is_single(time):
@@ -92,6 +98,7 @@ def snapshots(columns: PostedColumns, rows: NDArray[np.int64]) -> bytes:
     parts = (np.split(column, cuts) for column in (columns.time, columns.state, rows[columns.cell]))
     observations = [
         {"time": time[0], "occupied": row[state == 1].tolist(), "free": row[state == 0].tolist()}
+        | ({"unavailable": row[np.isnan(state)].tolist()} if np.isnan(state).any() else {})
         for time, state, row in zip(*parts, strict=True)
         if len(time)
     ]
@@ -117,6 +124,19 @@ def indices(cells: Any) -> NDArray[np.int64]:
     if not np.array_equal(rows, array) or (rows < 0).any():
         raise ValueError("a row of indices [i, j, k] is of whole numbers from 0")
     return rows
+
+
+def _states(values: Any) -> NDArray[np.uint8] | NDArray[np.float32]:
+    """States (n,) as in PostedColumns. Raises ValueError."""
+    array = np.atleast_1d(np.asarray(values))
+    if array.dtype.kind == "O":
+        missing = np.array([value is None or value != value for value in array.flat], np.bool_).reshape(array.shape)
+    else:
+        missing = np.isnan(array) if array.dtype.kind == "f" else np.zeros(array.shape, np.bool_)
+    if not missing.any():
+        return _small(values, "state", np.uint8)
+    filled = np.array(np.where(missing, 0, array).tolist())
+    return np.where(missing, np.float32(np.nan), _small(filled, "state", np.uint8)).astype(np.float32)
 
 
 def _small(values: Any, name: str, dtype: type[np.unsignedinteger[Any]]) -> NDArray[Any]:

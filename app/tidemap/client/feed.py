@@ -25,7 +25,7 @@ HELD_S = 0.5
 PRIVATE = range(4400, 4500)
 """Close codes 4000 + an HTTP status: the request itself is wrong, so asking again does not help."""
 POSITION = "Last-Event-ID"
-"""The header of a server's answer that names the last anomaly before the first message."""
+"""The header of a server's answer that names the last change of an anomaly before the first message."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,8 @@ class Message:
 class Feed:
     """A subscription that survives its connections.
 
-    It knows the last anomaly seen, or before the first message the last one there was, and resumes behind it.
+    It knows the last change of an anomaly seen, or before the first message the last one there was, and resumes behind
+    it.
     """
 
     def __init__(
@@ -80,7 +81,7 @@ class Feed:
         data = json.loads(text)
         self._restart()
         if data["kind"] == "anomaly":
-            self._query["after"] = max(int(self._query.get("after", 0)), data["id"])
+            self._query["after"] = max(int(self._query.get("after", 0)), data.get("change", data["id"]))
         return Message(data["kind"], data["location"], data.get("id"), parse_time(data["time"]), data)
 
     def pause(self, error: Exception | None) -> float:

@@ -71,6 +71,7 @@ class LocationOperations(AnomalyOperations):
     ) -> Postable:
         """Store measurements: columns (or one) time, state (1 occupied, 0 free) and, for grids, cell.
 
+        A state None or NaN says that the sensor is unavailable: with `missing: hold` nothing is held from then on.
         A cell is its linear index, or a row [i, j, k]. Posts in batches, each durable when it is answered and
         stored once however often it is sent; an `idempotency_key` makes that hold across calls and restarts.
 

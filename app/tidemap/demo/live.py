@@ -4,6 +4,7 @@ import logging
 import time
 from collections.abc import Callable
 from threading import Event
+from typing import Protocol
 
 from tidemap.client import Client, TidemapError
 from tidemap.demo.civil import DAY_S
@@ -20,17 +21,32 @@ PAUSE_S = 5.0
 TOO_MANY_REQUESTS = 429
 
 
-def run(client: Client, stop: Event, speed: float = 1.0, clock: Callable[[], float] = time.time) -> None:
+class Patrol(Protocol):
+    """A robot on its way through what the server knows."""
+
+    def go(self, now: float, every_s: float) -> None:
+        """Post what was missed, of a day at most, and the latest of every `every_s` seconds."""
+
+
+def run(
+    client: Client,
+    stop: Event,
+    speed: float = 1.0,
+    clock: Callable[[], float] = time.time,
+    begin: Callable[[Client, float], Patrol] | None = None,
+) -> None:
     """Post a round every five minutes / `speed`, at the time of `clock`, until `stop` is set.
 
-    First catches up on what was missed, of a day at most. While the server fails or is out of reach it goes on
-    trying. Raises TidemapError when the server refuses what it is asked, NotTheDemoError.
+    `begin` starts the patrol at a time, by default `Rounds`. First it catches up on what was missed, of a day at most.
+    While the server fails or is out of reach it goes on trying. Raises TidemapError when the server refuses what it is
+    asked, NotTheDemoError.
     """
-    robot: Rounds | None = None
+    begin = begin or Rounds
+    patrol: Patrol | None = None
     while not stop.is_set():
         try:
-            robot = robot or Rounds(client, clock())
-            robot.go(clock(), INTERVAL_S / speed)
+            patrol = patrol or begin(client, clock())
+            patrol.go(clock(), INTERVAL_S / speed)
             pause_s = seconds_to_next(clock(), INTERVAL_S / speed)
         except TidemapError as error:
             if 400 <= error.status < 500 and error.status != TOO_MANY_REQUESTS:
@@ -51,10 +67,18 @@ class Rounds:
 
     def go(self, now: float, every_s: float) -> None:
         """Post the rounds of every five minutes that were missed, and the latest of every `every_s` seconds."""
-        missed = rounds(max(self._posting.since(), now - CATCH_UP_S), now)
-        times = sorted({*missed.tolist(), now - now % every_s})
-        for some in chunks(times, ROUNDS_AT_ONCE):
+        for some in chunks(due(self._posting.since(), now, every_s), ROUNDS_AT_ONCE):
             self._posting.post(self._robot.observations(some))
+
+
+def due(since: float, now: float, every_s: float) -> list[float]:
+    """The times of rounds after `since`, of a day at most, and the latest multiple of `every_s` seconds.
+
+    >>> due(300.0, 950.0, 30.0)
+    [600.0, 900.0, 930.0]
+    """
+    missed = rounds(max(since, now - CATCH_UP_S), now)
+    return sorted({*missed.tolist(), now - now % every_s})
 
 
 def seconds_to_next(now: float, every_s: float) -> float:

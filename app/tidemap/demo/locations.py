@@ -1,6 +1,7 @@
 """The locations of the demo at the server."""
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 from tidemap.client import Client, LocationHandle, TidemapError
@@ -16,16 +17,17 @@ MIN_CELLS = 4
 NO_EVENTS = math.prod(SHAPE)
 """As min_cells while the history is filled in: what a model of its first days calls abnormal is no event."""
 
-_ALL: dict[str, Any] = {"interval_s": INTERVAL_S, "time_zone": ZONE, "epoch": 0.0}
+USUAL: dict[str, Any] = {"interval_s": INTERVAL_S, "time_zone": ZONE, "epoch": 0.0}
+"""Of all locations."""
 FORMS: dict[str, dict[str, Any]] = {
-    BUILDING: _ALL
+    BUILDING: USUAL
     | {
         "kind": "grid3d",
         "grid": Grid(frame="map", origin=(0.0, 0.0, 0.0), resolution_m=RESOLUTION_M, shape=list(SHAPE)),
         "confidence": 0.97,
         "min_cells": NO_EVENTS,
     }
-} | {name: _ALL | {"kind": "state", "confidence": 0.95} for name in LOCATIONS}
+} | {name: USUAL | {"kind": "state", "confidence": 0.95} for name in LOCATIONS}
 _FIXED = ("kind", "interval_s", "epoch", "grid")
 
 
@@ -41,17 +43,17 @@ class NotTheDemoError(TidemapError):
         )
 
 
-def prepare(client: Client) -> dict[str, Location]:
-    """The locations of the demo with what is known of them, made where they are missing.
+def prepare(client: Client, forms: Mapping[str, Mapping[str, Any]] = FORMS) -> dict[str, Location]:
+    """The locations of some forms with what is known of them, made where they are missing.
 
     Raises NotTheDemoError before anything is made if a name is taken by something else.
     """
     known = {location.name: location for location in client.locations()}
-    for name in known.keys() & FORMS.keys():
-        check(known[name])
-    for name in FORMS.keys() - known.keys():
-        known[name] = create(client, name).get()
-    return {name: known[name] for name in FORMS}
+    for name in known.keys() & forms.keys():
+        check(known[name], forms[name])
+    for name in forms.keys() - known.keys():
+        known[name] = create(client, name, forms[name]).get()
+    return {name: known[name] for name in forms}
 
 
 def begin_events(client: Client) -> None:
@@ -61,18 +63,18 @@ def begin_events(client: Client) -> None:
         building.patch(min_cells=MIN_CELLS)
 
 
-def create(client: Client, name: str) -> LocationHandle:
+def create(client: Client, name: str, form: Mapping[str, Any]) -> LocationHandle:
     """Make one location, or take the one that somebody has made in the meantime."""
     try:
-        return client.create_location(name, **FORMS[name])
+        return client.create_location(name, **form)
     except TidemapError as error:
         if error.status != CONFLICT:
             raise
-    check(client.location(name).get())
+    check(client.location(name).get(), form)
     return client.location(name)
 
 
-def check(location: Location) -> None:
-    """Raises NotTheDemoError for a location whose cells or time base are not the demo's."""
-    if any(getattr(location, field) != FORMS[location.name].get(field) for field in _FIXED):
+def check(location: Location, form: Mapping[str, Any]) -> None:
+    """Raises NotTheDemoError for a location whose cells or time base are not those of its form."""
+    if any(getattr(location, field) != form.get(field) for field in _FIXED):
         raise NotTheDemoError(location.name)

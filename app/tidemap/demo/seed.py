@@ -2,7 +2,7 @@
 
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,12 +42,12 @@ def seed(client: Client, now: float | None = None, progress: Progress | None = N
     history = rounds(max(start, posting.since()), judged)
     if len(history):
         _post_history(posting, robot, history, progress)
-        _update(client, progress, "First models")
+        update(client, FORMS, progress, "First models")
     begin_events(client)
     recent = rounds(max(judged, posting.since()), now)
     if len(recent):
         _post_recent(posting, robot, recent, progress)
-        _update(client, progress, "Models")
+        update(client, FORMS, progress, "Models")
     return posting.posted
 
 
@@ -91,9 +91,10 @@ def chunks(times: Sequence[float], size: int) -> Iterator[Sequence[float]]:
     return (times[i : i + size] for i in range(0, len(times), size))
 
 
-def _update(client: Client, progress: Progress, what: str) -> None:
-    with progress.task(what, len(FORMS)) as step:
-        for name in FORMS:
+def update(client: Client, names: Collection[str], progress: Progress, what: str) -> None:
+    """Fit the models of some locations anew. Raises TidemapError where an update fails."""
+    with progress.task(what, len(names)) as step:
+        for name in names:
             job = client.location(name).update(wait=True)
             if job.state != "done":
                 raise TidemapError(0, f"The update of {name} {job.state}", job.error or "no reason was given")

@@ -43,6 +43,10 @@ class World:
             "meeting-room": not taken.isdisjoint(plan.MEETING_SEATS),
         }
 
+    def taken(self, time: float) -> frozenset[Seat]:
+        """The seats on which somebody sits at Unix seconds."""
+        return self._taken(time, moment(time))
+
     def _doors(self, cells: Cells, time: float, now: Moment) -> None:
         main, office = plan.MAIN_DOOR, plan.OFFICE_DOOR
         fill(cells, (main.open if self._main_door_open(time, now) else main.closed,))
@@ -61,7 +65,6 @@ class World:
         return start <= now.hour < stop or self.story.door_left_open(time)
 
     def _taken(self, time: float, now: Moment) -> frozenset[Seat]:
-        """The seats on which somebody sits."""
         taken = set()
         if not within(time, self.story.office_empty):
             taken |= self._team(OFFICE_TEAM, plan.OFFICE_SEATS, _OFFICE, now)

@@ -2,16 +2,19 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Literal
+
+import orjson
 
 from tidemap.schemas.common import iso
 
 Kind = Literal["observation", "anomaly", "update", "job", "location"]
-TIMES = ("start", "stop", "acknowledged_at")
+TIMES = ("start", "stop", "acknowledged_at", "snoozed_until")
 """What is written as ISO 8601 of the data."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class EventMessage:
     """Something happened at a location. `id` numbers observations, anomalies, revisions, jobs or locations.
 
@@ -24,10 +27,15 @@ class EventMessage:
     time: float
     data: dict[str, Any] = field(default_factory=dict)
 
+    @cached_property
+    def encoded(self) -> bytes:
+        """As JSON; encoded once, however many readers there are."""
+        return orjson.dumps(self.wire())
+
     @property
-    def is_new_anomaly(self) -> bool:
-        """Whether it is the first one of an event."""
-        return self.kind == "anomaly" and not self.data.get("update")
+    def position(self) -> int:
+        """Of an anomaly the number of this change: who resumes behind it hears of all later ones."""
+        return int(self.data.get("change") or self.id)
 
     def wire(self) -> dict[str, Any]:
         """As it goes over the WebSocket."""

@@ -5,6 +5,7 @@ any thread, and an `EventStream` is a reader in an event loop that gets what it 
 """
 
 import asyncio
+import time
 from collections import deque
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import AbstractContextManager
@@ -21,14 +22,14 @@ KINDS: frozenset[str] = frozenset(get_args(Kind))
 REPLAY_PAGE = 500
 """Missed messages that are asked for at once."""
 Replay = Callable[[int, int], Awaitable[Sequence[EventMessage]]]
-"""The stored anomalies after an id, oldest first, at most so many: (after, limit)."""
+"""The anomalies that changed after a number, in order of that, at most so many: (after, limit)."""
 
 
 @dataclass(frozen=True, slots=True)
 class EventFilter:
     """Which messages somebody wants: of one location or all that they may see, of some kinds.
 
-    `after` is the last anomaly that is known already; with it, those since are wanted too.
+    `after` is the last change of an anomaly that is known already; with it, those since are wanted too.
     """
 
     location: str | None = None
@@ -66,8 +67,10 @@ class Subscription(AbstractContextManager["Subscription"]):
         self._wake = wake
         self._limit = limit
         self._lock = Lock()
-        self._waiting: deque[EventMessage] = deque()
+        self._waiting: deque[tuple[float, EventMessage]] = deque()
         self._overflowed = False
+        self.waited_s = 0.0
+        """How long the message that was taken last had waited."""
         self._unsubscribe = listen(bus, wanted, self._put)
 
     @property
@@ -78,7 +81,11 @@ class Subscription(AbstractContextManager["Subscription"]):
     def take(self) -> EventMessage | None:
         """The next message; None when none waits."""
         with self._lock:
-            return self._waiting.popleft() if self._waiting else None
+            if not self._waiting:
+                return None
+            since, message = self._waiting.popleft()
+        self.waited_s = time.monotonic() - since
+        return message
 
     def close(self) -> None:
         """Take in no more."""
@@ -98,7 +105,7 @@ class Subscription(AbstractContextManager["Subscription"]):
             if self._overflowed:
                 self._waiting.clear()
             else:
-                self._waiting.append(message)
+                self._waiting.append((time.monotonic(), message))
         if first or self._overflowed:
             self._wake()
 
@@ -107,10 +114,14 @@ class EventStream(AbstractContextManager["EventStream"]):
     """What one reader hears: the anomalies that it has missed, then messages as they happen, none twice.
 
     An endless iterator for the event loop it is made in. `overflowed` is set when more than
-    `limit` messages wait for the reader: nothing more comes then, and it is to be dropped.
+    `limit` messages wait for the reader: nothing more comes then, and it is to be dropped. `lag` is called with the
+    seconds that each message waited.
     """
 
-    def __init__(self, bus: Bus, wanted: EventFilter, limit: int, replay: Replay) -> None:
+    def __init__(
+        self, bus: Bus, wanted: EventFilter, limit: int, replay: Replay, lag: Callable[[float], object] = lambda _: None
+    ) -> None:
+        self._lag = lag
         self._loop = asyncio.get_running_loop()
         self._replay = replay
         self._missed: deque[EventMessage] = deque()
@@ -126,6 +137,12 @@ class EventStream(AbstractContextManager["EventStream"]):
     async def __anext__(self) -> EventMessage:
         return await self._next_missed() or await self._next_new()
 
+    def at_hand(self) -> list[EventMessage]:
+        """What follows the message that was taken last, as far as nobody has to wait for it."""
+        if self._more or self._missed:
+            return []
+        return list(iter(self._new_at_hand, None))
+
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
@@ -140,18 +157,22 @@ class EventStream(AbstractContextManager["EventStream"]):
         if not self._missed:
             return None
         message = self._missed.popleft()
-        self._last = message.id
+        self._last = message.position
         return message
 
     async def _next_new(self) -> EventMessage:
         """The next that happens and was not among those missed."""
-        while True:
-            message = self._subscription.take()
-            if message is None:
-                self._filled.clear()
-                await self._filled.wait()
-            elif message.kind != "anomaly" or message.id > self._last or message.data.get("update"):
+        while (message := self._new_at_hand()) is None:
+            self._filled.clear()
+            await self._filled.wait()
+        return message
+
+    def _new_at_hand(self) -> EventMessage | None:
+        while (message := self._subscription.take()) is not None:
+            if message.kind != "anomaly" or message.position > self._last:
+                self._lag(self._subscription.waited_s)
                 return message
+        return None
 
     def _wake(self) -> None:
         self._loop.call_soon_threadsafe(self._woken)

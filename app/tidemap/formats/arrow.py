@@ -2,7 +2,7 @@
 
 import json
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -12,16 +12,16 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from tidemap.errors import FieldError, InvalidInputError, UnreadableBodyError
-from tidemap.formats.table import Column, Labels, Nullable, wanted
+from tidemap.formats.table import Column, Labels, Nullable, wanted, without_nan
 from tidemap.history.columns import Columns, Content, Integers, misnamed, of_table
 from tidemap.space.grid import GridGeometry
 
 
 def read(content: Content, grid: GridGeometry) -> Columns:
     """Columns of an Arrow IPC stream. Raises UnreadableBodyError, InvalidInputError."""
-    table = _load(content, partial(_check_columns, columns=wanted(grid)))
+    table = _load(content, partial(_check_columns, columns=wanted(grid)), nullable={"state"})
     cell = None if grid.is_single else _integers(table.column("cell"))
-    return of_table(_times(table.column("time")), cell, _integers(table.column("state")))
+    return of_table(_times(table.column("time")), cell, *_states(table.column("state")))
 
 
 def read_floats(content: Content, needed: Sequence[str], more: Sequence[str] = ()) -> dict[str, NDArray[np.floating]]:
@@ -45,7 +45,7 @@ def read_floats(content: Content, needed: Sequence[str], more: Sequence[str] = (
     return {name: _array_values(table.column(name)) for name in table.column_names}
 
 
-def _load(content: Content, check: Callable[[Any], None]) -> Any:
+def _load(content: Content, check: Callable[[Any], None], nullable: Collection[str] = ()) -> Any:
     """The table; nothing but the schema is read before that is right, and nothing is ever unpacked."""
     try:
         with pa.ipc.open_stream(pa.py_buffer(content)) as reader:
@@ -55,7 +55,7 @@ def _load(content: Content, check: Callable[[Any], None]) -> Any:
         table.validate(full=True)
     except (pa.ArrowException, OSError, ValueError, EOFError, MemoryError, struct.error) as error:
         raise UnreadableBodyError(f"The body is no Arrow IPC stream: {error}") from None
-    _refuse_nulls(table)
+    _refuse_nulls(table, nullable)
     return table
 
 
@@ -101,16 +101,22 @@ def _wrong_type(column: Any) -> str | None:
     """What is wrong with the type of a column, None where nothing is."""
     kind = column.type
     if column.name != "time":
-        right = pa.types.is_integer(kind) or (column.name == "state" and pa.types.is_boolean(kind))
-        return None if right else f"its type is {kind}; send {'uint8 or bool' if column.name == 'state' else 'uint32'}"
+        right = pa.types.is_integer(kind) or (column.name == "state" and _may_be_state(kind))
+        kinds = "uint8 or bool, null where the sensor is unavailable" if column.name == "state" else "uint32"
+        return None if right else f"its type is {kind}; send {kinds}"
     if pa.types.is_timestamp(kind):
         return None if kind.tz else "these timestamps have no zone; send timestamps with tz, or Unix seconds"
     right = pa.types.is_float64(kind) or pa.types.is_int64(kind) or pa.types.is_uint64(kind)
     return None if right else f"its type is {kind}; send float64 Unix seconds or timestamps with a zone"
 
 
-def _refuse_nulls(table: Any) -> None:
-    nulls = [name for name in table.column_names if table.column(name).null_count]
+def _may_be_state(kind: Any) -> bool:
+    """Whether a type that is not whole numbers can say states: those with NaN in place of null are floats."""
+    return bool(pa.types.is_boolean(kind) or pa.types.is_float32(kind) or pa.types.is_float64(kind))
+
+
+def _refuse_nulls(table: Any, but: Collection[str]) -> None:
+    nulls = [name for name in table.column_names if name not in but and table.column(name).null_count]
     if nulls:
         raise InvalidInputError(*(FieldError(name, "it has nulls; send every value") for name in nulls))
 
@@ -120,6 +126,16 @@ def _times(column: Any) -> NDArray[np.float64]:
         return np.asarray(_array_values(column), np.float64)
     unit = {"s": 1, "ms": 1e3, "us": 1e6, "ns": 1e9}[column.type.unit]
     return np.asarray(_array_values(column.cast(pa.int64())) / unit, np.float64)
+
+
+def _states(column: Any) -> tuple[Integers, NDArray[np.bool_] | None]:
+    """The states of a column, 0 where it is null or NaN, and where that is; None where it is nowhere."""
+    if pa.types.is_floating(column.type):
+        return without_nan(_array_values(column.fill_null(float("nan"))))
+    if not column.null_count:
+        return _integers(column), None
+    filled = column.fill_null(False if pa.types.is_boolean(column.type) else 0)
+    return _integers(filled), _array_values(column.is_null())
 
 
 def _integers(column: Any) -> Integers:

@@ -10,7 +10,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from tidemap.errors import FieldError, InvalidInputError, UnreadableBodyError
-from tidemap.formats.table import wanted
+from tidemap.formats.table import wanted, without_nan
 from tidemap.history.columns import Columns, Content, Integers, misnamed, of_table
 from tidemap.space.grid import GridGeometry
 
@@ -30,7 +30,10 @@ def read(content: Content, grid: GridGeometry) -> Columns:
     """Columns of an npy file. Raises UnreadableBodyError, InvalidInputError."""
     rows = _load(content, wanted(grid))
     time = np.ascontiguousarray(rows["time"], np.float64)
-    return of_table(time, None if grid.is_single else _integers(rows["cell"]), _integers(rows["state"]))
+    cell = None if grid.is_single else _integers(rows["cell"])
+    if rows["state"].dtype.kind == "f":
+        return of_table(time, cell, *without_nan(rows["state"]))
+    return of_table(time, cell, _integers(rows["state"]))
 
 
 def read_grid(content: Content, grid: GridGeometry, time: float) -> Columns:
@@ -162,8 +165,9 @@ def _wrong_type(name: str, dtype: np.dtype[Any]) -> str | None:
     if name == "time":
         right = dtype.kind in "iuf" and dtype.itemsize == 8
         return None if right else f"its type is {dtype}; send float64 Unix seconds"
-    right = dtype.kind in "iu" or (name == "state" and dtype.kind == "b")
-    return None if right else f"its type is {dtype}; send {'uint8 or bool' if name == 'state' else 'uint32'}"
+    right = dtype.kind in "iu" or (name == "state" and dtype.kind in "bf")
+    kinds = "uint8 or bool, or floats with NaN where the sensor is unavailable" if name == "state" else "uint32"
+    return None if right else f"its type is {dtype}; send {kinds}"
 
 
 def _integers(values: Any) -> Integers:

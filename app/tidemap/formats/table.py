@@ -28,6 +28,16 @@ class Nullable:
 Column: TypeAlias = NDArray[Any] | Labels | Nullable
 
 
+def without_nan(state: NDArray[np.floating[Any]]) -> tuple[NDArray[np.int64], NDArray[np.bool_] | None]:
+    """States (n,) that are NaN where a sensor is unavailable, as integers: 0 there, and -1 where they are no states.
+
+    Then where it is unavailable; None where it is nowhere.
+    """
+    missing = np.isnan(state)
+    whole = np.where(np.isin(state, (0, 1)), state, np.where(missing, 0, -1)).astype(np.int64)
+    return whole, missing if missing.any() else None
+
+
 def wanted(grid: GridGeometry) -> list[str]:
     """The columns of a table of measurements."""
     return ["state", "time"] if grid.is_single else ["cell", "state", "time"]

@@ -156,21 +156,28 @@ def highest(word: Scalar) -> int:
 
 
 @kernel
-def hold(observed: Plane, occupied: Plane, n_samples: int, hold_samples: int) -> None:
-    """In place: every state stands until the next observed sample, at most `hold_samples` after it."""
+def hold(observed: Plane, occupied: Plane, ended: Plane, n_samples: int, hold_samples: int) -> None:
+    """In place: every state stands until the next observed sample, at most `hold_samples` after it.
+
+    A sample of `ended` (without cells: none) ends that: what was observed in it stands there, and nothing after it.
+    """
+    ends = ended.size > 0
     for cell in range(observed.shape[0]):
         left = 0
         state = np.uint8(0)
         for bit in range(n_samples):
             mask = np.uint8(1) << np.uint8(bit & 7)
+            over = ends and ended[cell, bit >> 3] & mask
             if observed[cell, bit >> 3] & mask:
                 left = hold_samples
                 state = bit_at(occupied, cell, bit)
-            elif left > 0:
+            elif left > 0 and not over:
                 left -= 1
                 observed[cell, bit >> 3] |= mask
                 if state:
                     occupied[cell, bit >> 3] |= mask
+            if over:
+                left = 0
 
 
 @kernel

@@ -1,5 +1,8 @@
 """Erasing: a segment without what was measured at some times."""
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,14 +23,27 @@ def erase(segment: Segment, gone: NDArray[np.bool_], base: TimeBase) -> tuple[Se
     history = segment.history
     before = int(history.count_observed().sum())
     if gone.all():
-        return Segment(History.empty(history.n_cells, history.start, history.n_samples), np.empty(0), None), before
+        empty = History.empty(history.n_cells, history.start, history.n_samples)
+        return Segment(empty, np.empty(0), None, ends=segment.ends), before
     left = _without(segment, gone, base)
     return left, before - int(left.history.count_observed().sum())
 
 
+def erase_all(
+    segment: Segment, choose: Callable[[NDArray[np.float64]], NDArray[np.bool_]], base: TimeBase
+) -> tuple[Segment, int]:
+    """As `erase`, of the times that `choose` takes, with what sensors said then of not being available."""
+    left, erased = erase(segment, choose(segment.time), base)
+    if segment.ends is None:
+        return left, erased
+    gone = choose(segment.ends.time)
+    ends = None if gone.all() else segment.ends.select(~gone)
+    return replace(left, ends=ends), erased + int(np.count_nonzero(gone))
+
+
 def forget(segment: Segment, before: int, base: TimeBase) -> Segment:
     """The segment without what was measured before sample `before`."""
-    return erase(segment, segment.time < base.time(before), base)[0]
+    return erase_all(segment, lambda time: np.asarray(time < base.time(before)), base)[0]
 
 
 def _without(segment: Segment, gone: NDArray[np.bool_], base: TimeBase) -> Segment:
@@ -40,7 +56,7 @@ def _without(segment: Segment, gone: NDArray[np.bool_], base: TimeBase) -> Segme
     _erase(observed, occupied, rank, segment.rank is not None, at, gone, kept)
     left = History(history.start, history.n_samples, observed, occupied)
     several = np.diff(kept[at]).max(initial=0) > 1
-    return Segment(left, segment.time[~gone], rank if several else None, _observed_surplus(segment, left))
+    return Segment(left, segment.time[~gone], rank if several else None, _observed_surplus(segment, left), segment.ends)
 
 
 def _observed_surplus(segment: Segment, left: History) -> NDArray[np.int32] | None:

@@ -1,8 +1,8 @@
 """History: what was observed, per cell and sample, as packed bit planes."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Final, Self
+from dataclasses import dataclass, replace
+from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +14,7 @@ FREE: Final = 0
 OCCUPIED: Final = 1
 UNOBSERVED: Final = 2
 NEVER: Final = int(np.iinfo(np.int64).min)
+NO_ENDS: Final = np.zeros((0, 0), np.uint8)
 
 __all__ = ["FREE", "NEVER", "OCCUPIED", "UNOBSERVED", "History", "Intervals"]
 
@@ -24,12 +25,14 @@ class History:
 
     observed, occupied: (n_cells, ceil(n_samples / 8)) uint8, bitorder "little"; occupied only where
     observed, bits past n_samples zero (`check` verifies both; the constructor only the shapes).
+    ended: a plane of the samples with whose end a state is held no longer; None where there is none.
     """
 
     start: int
     n_samples: int
     observed: NDArray[np.uint8]
     occupied: NDArray[np.uint8]
+    ended: NDArray[np.uint8] | None = None
 
     def __post_init__(self) -> None:
         for plane in (self.observed, self.occupied):
@@ -116,12 +119,30 @@ class History:
         window = History.empty(self.n_cells, start, stop - start)
         bits.copy_window(self.observed, start - self.start, window.n_samples, window.observed)
         bits.copy_window(self.occupied, start - self.start, window.n_samples, window.occupied)
-        return window
+        if self.ended is None:
+            return window
+        ended = np.zeros_like(window.observed)
+        bits.copy_window(self.ended, start - self.start, window.n_samples, ended)
+        return replace(window, ended=ended)
+
+    def ending(self, cell: NDArray[np.integer[Any]], sample: NDArray[np.int64]) -> "History":
+        """The same, where a state of each cell is held no longer than to the end of the sample beside it, (k,) each."""
+        ended = np.zeros_like(self.observed) if self.ended is None else self.ended.copy()
+        bit = sample - self.start
+        np.bitwise_or.at(ended, (cell, bit >> 3), np.uint8(1) << (bit & 7).astype(np.uint8))
+        return replace(self, ended=ended)
+
+    def ends(self, cell: int) -> NDArray[np.int64]:
+        """The samples with whose end a state of a cell is held no longer, ascending."""
+        if self.ended is None:
+            return np.zeros(0, np.int64)
+        return self.start + np.flatnonzero(np.unpackbits(self.ended[cell], count=self.n_samples, bitorder="little"))
 
     def cells(self, cells: ArrayLike) -> "History":
         """These cells only, in the given order."""
         rows = np.asarray(cells, np.int64)
-        return History(self.start, self.n_samples, self.observed[rows], self.occupied[rows])
+        ended = None if self.ended is None else self.ended[rows]
+        return History(self.start, self.n_samples, self.observed[rows], self.occupied[rows], ended)
 
     @classmethod
     def stack(cls, parts: "Sequence[History]") -> Self:
@@ -137,11 +158,12 @@ class History:
         return History(start, stop - start, below.observed | above.observed, occupied)
 
     def hold(self, hold_samples: int) -> "History":
-        """A state stands until the next measurement, at most `hold_samples` samples after its own."""
+        """A state stands until the next measurement or its `ended`, at most `hold_samples` samples after its own."""
         if hold_samples < 0:
             raise ValueError(f"hold_samples must not be negative: {hold_samples}")
         held = History(self.start, self.n_samples, self.observed.copy(), self.occupied.copy())
-        bits.hold(held.observed, held.occupied, self.n_samples, hold_samples)
+        ended = NO_ENDS if self.ended is None else self.ended
+        bits.hold(held.observed, held.occupied, ended, self.n_samples, hold_samples)
         return held
 
     def held(self, start: int, stop: int, hold_samples: int) -> "History":

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeVar
+from typing import Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,13 +10,17 @@ from numpy.typing import NDArray
 from tidemap.history.timebase import TimeBase
 
 Key = TypeVar("Key", np.uint32, np.uint64)
+UNAVAILABLE: Final = 2
+"""Of a measurement: its sensor says that it does not know the state from now on, which ends what is held."""
+STATE_BITS = 2
 FEW_RUNS = 64
 """Runs of ascending keys that are merged rather than sorted anew."""
 
 
 @dataclass(frozen=True, eq=False)
 class Measurements:
-    """`time` (n,) float64 Unix seconds; `cell` (n,) uint32 linear index; `state` (n,) uint8, 1 occupied, 0 free.
+    """`time` (n,) float64 Unix seconds; `cell` (n,) uint32 linear index; `state` (n,) uint8: 1 occupied, 0 free,
+    UNAVAILABLE.
 
     Where all are of one time, `time` may be that one, broadcast.
     """
@@ -49,16 +53,21 @@ class Measurements:
     def in_order(self) -> "Measurements":
         """The same rows sorted by time, then cell, then state; O(n log n) on one column of integers."""
         heads = self.heads
-        if len(heads) == 1 and self.cell.max() < 1 << 31:
-            pair = _sorted(self.cell << np.uint32(1) | self.state)
-            return Measurements(self.time, pair >> np.uint32(1), (pair & np.uint32(1)).astype(np.uint8))
+        if len(heads) == 1 and self.cell.max() < 1 << 32 - STATE_BITS:
+            pair = _sorted(self.cell << np.uint32(STATE_BITS) | self.state)
+            return Measurements(self.time, pair >> np.uint32(STATE_BITS), (pair & np.uint32(3)).astype(np.uint8))
         table, first = self.time[heads], np.arange(len(heads))
         if (np.diff(table) < 0).any():
             table, first = np.unique(table, return_inverse=True)
         rank = np.repeat(first.astype(np.uint64), np.diff(heads, append=len(self)))
-        key = _sorted(rank << np.uint64(33) | self.cell.astype(np.uint64) << np.uint64(1) | self.state)
-        cell = (key >> np.uint64(1)).astype(np.uint32)
-        return Measurements(table[key >> np.uint64(33)], cell, (key & np.uint64(1)).astype(np.uint8))
+        cells = self.cell.astype(np.uint64) << np.uint64(STATE_BITS)
+        key = _sorted(rank << np.uint64(32 + STATE_BITS) | cells | self.state)
+        cell = (key >> np.uint64(STATE_BITS)).astype(np.uint32)
+        return Measurements(table[key >> np.uint64(32 + STATE_BITS)], cell, (key & np.uint64(3)).astype(np.uint8))
+
+    def says(self) -> NDArray[np.bool_]:
+        """(n,) which of them say what the state is: all but those that are UNAVAILABLE."""
+        return np.asarray(self.state != UNAVAILABLE)
 
     def samples(self, base: TimeBase) -> NDArray[np.int64]:
         """The sample of each measurement."""

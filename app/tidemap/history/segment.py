@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.history.combining import KEYS, LATEST, MAJORITY, put_ranked, put_single, put_votes, votes_of
+from tidemap.history.ends import Ends, joined
 from tidemap.history.history import UNOBSERVED, History
 from tidemap.history.jit import kernel
 from tidemap.history.measurements import Measurements
@@ -27,6 +28,7 @@ class Segment:
 
     `surplus` (n_cells, n_samples) int32 or None: by how many a cell's measurements in a sample are more for occupied
     than for free, beyond the one that its state stands for; only `majority` has it.
+    `ends`: when a cell's sensor said that it is unavailable; None where none did.
     Canonical: the same measurements are the same segment, to the last bit.
     """
 
@@ -34,6 +36,12 @@ class Segment:
     time: NDArray[np.float64]
     rank: NDArray[np.uint16] | None
     surplus: NDArray[np.int32] | None = None
+    ends: Ends | None = None
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing was measured."""
+        return not len(self.time) and self.ends is None
 
     @classmethod
     def empty(cls, n_cells: int, number: int) -> "Segment":
@@ -69,7 +77,30 @@ def merge(segment: Segment, measurements: Measurements, base: TimeBase, combine:
     O(measurements + bytes of the segment), and where a sample holds several times, or for `majority`, + n_cells x the
     samples from the first to the last that is measured: robots mostly see the latest.
     """
-    return _merge(segment, measurements, None, base, combine)
+    says = measurements.says()
+    if says.all():
+        return replace(_merge(segment, measurements, None, base, combine), ends=segment.ends)
+    other = measurements.select(~says)
+    sample = other.samples(base) - segment.history.start
+    if sample.min() < 0 or sample.max() >= segment.history.n_samples:
+        raise ValueError("a measurement lies outside of the segment")
+    ends = joined(segment.ends, Ends.of(other.cell, other.time, base), base)
+    return replace(_merge(segment, measurements.select(says), None, base, combine), ends=ends)
+
+
+def ends_of(segment: Segment, base: TimeBase) -> tuple[NDArray[np.uint32], NDArray[np.int64]]:
+    """The cells and samples, (k,) each, with whose end nothing is held any more: where no later reading stands."""
+    ends = segment.ends
+    if ends is None:
+        return np.zeros(0, np.uint32), np.zeros(0, np.int64)
+    sample = base.sample(ends.time)
+    read = segment.history.observed_at(ends.cell.astype(np.int64), sample)
+    entry = np.searchsorted(base.sample(segment.time), sample[read])
+    if segment.rank is not None:
+        entry = entry + segment.rank[ends.cell[read], sample[read] - segment.history.start]
+    last = np.ones(len(ends), np.bool_)
+    last[read] = ends.time[read] > segment.time[entry]
+    return ends.cell[last], sample[last]
 
 
 def join(segment: Segment, other: Segment, base: TimeBase, combine: str = LATEST) -> Segment:
@@ -78,7 +109,7 @@ def join(segment: Segment, other: Segment, base: TimeBase, combine: str = LATEST
     votes = None
     if other.surplus is not None:
         votes = votes_of(measurements.state) + other.surplus[other.history.states() != UNOBSERVED]
-    return _merge(segment, measurements, votes, base, combine)
+    return replace(_merge(segment, measurements, votes, base, combine), ends=joined(segment.ends, other.ends, base))
 
 
 def _merge(

@@ -1,11 +1,13 @@
 """Options: how files are understood."""
 
 from dataclasses import dataclass
-from math import inf
+from math import inf, nan
 from pathlib import Path
 
 OCCUPIED_WORDS = frozenset({"1", "true", "occupied", "open", "on", "yes"})
 FREE_WORDS = frozenset({"0", "false", "free", "closed", "off", "no"})
+UNAVAILABLE_WORDS = frozenset({"unavailable", "unknown", "null", "none", "nan"})
+"""As home automation and data frames write that a sensor does not know the state."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -15,7 +17,8 @@ class ImportOptions:
     topics: of a bag, those that are read; by default the one that can be. fixed_frame: what poses are looked up in.
     pose_topics: odometry or poses of `robot_frame`. poses: the table of a folder of clouds. time: of a map that has
     none, Unix seconds; by default when its file was changed. start: what second 0 of a log stands for, Unix seconds.
-    occupied: the texts that mean occupied, all others then mean free; by default `OCCUPIED_WORDS` and `FREE_WORDS`.
+    occupied: the texts that mean occupied, all others but `UNAVAILABLE_WORDS` then mean free; by default
+    `OCCUPIED_WORDS` and `FREE_WORDS`.
     skip_missing: leave out what has no pose. resolution_m, interval_s, time_zone: of a location that is proposed.
     """
 
@@ -36,9 +39,11 @@ class ImportOptions:
     interval_s: float = 60.0
     time_zone: str = "UTC"
 
-    def state_of(self, text: str) -> int:
-        """1 for a text that means occupied, 0 for free. Raises ValueError for one that means neither."""
+    def state_of(self, text: str) -> float:
+        """1 for a text that means occupied, 0 for free, NaN for unavailable. Raises ValueError for any other."""
         word = text.strip().casefold()
+        if word in UNAVAILABLE_WORDS and word not in self.occupied:
+            return nan
         if self.occupied:
             return int(word in self.occupied)
         if word not in OCCUPIED_WORDS and word not in FREE_WORDS:

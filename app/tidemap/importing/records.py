@@ -1,6 +1,6 @@
 """Records: what files hold, before it is put on a location's grid."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Protocol, TypeAlias
@@ -12,12 +12,18 @@ from tidemap.space.grid import GridGeometry
 from tidemap.space.sweep import Sweep
 
 
+def states(values: Sequence[float]) -> NDArray[np.uint8] | NDArray[np.float32]:
+    """States 1, 0 and NaN (n,) as bytes; as floats where some are NaN."""
+    found = np.array(values, np.float32)
+    return found if np.isnan(found).any() else found.astype(np.uint8)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class StateReadings:
-    """States of one cell: time (n,) float64 Unix seconds, state (n,) uint8, 1 occupied and 0 free."""
+    """States of one cell: time (n,) float64 Unix seconds, state (n,), 1 occupied, 0 free and NaN unavailable."""
 
     time: NDArray[np.float64]
-    state: NDArray[np.uint8]
+    state: NDArray[np.uint8] | NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

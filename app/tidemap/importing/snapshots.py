@@ -17,10 +17,10 @@ BLOCK_CELLS = 1 << 20
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SnapshotColumns:
-    """time (n,) float64 Unix seconds, state (n,) uint8; cell (n,) uint32, None for a location of kind `state`."""
+    """time (n,) float64 Unix seconds, state (n,); cell (n,) uint32, None for a location of kind `state`."""
 
     time: NDArray[np.float64]
-    state: NDArray[np.uint8]
+    state: NDArray[np.uint8] | NDArray[np.float32]
     cell: NDArray[np.uint32] | None
 
     def __len__(self) -> int:

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.errors import InvalidInputError
-from tidemap.history.columns import Columns
-from tidemap.history.measurements import Measurements
+from tidemap.history.columns import STATE_MESSAGE, Columns
+from tidemap.history.measurements import UNAVAILABLE, Measurements
 from tidemap.history.snapshot import sort_snapshot
 from tidemap.schemas.common import FARTHEST_S
 from tidemap.space.grid import GridGeometry
@@ -18,6 +18,7 @@ TOO_OLD = (
     "this lies too far in the past; check the robot's clock and that times are in seconds, "
     "or raise TIDEMAP_PAST_S on the server to take an older archive"
 )
+STATES = ("free", "occupied", "unavailable")
 BLOCK = 1 << 18
 """Rows that are checked at once."""
 
@@ -39,6 +40,8 @@ def checked(columns: Columns, target: Target) -> Measurements:
     if not len(columns.time):
         raise InvalidInputError.at(columns.whole, "there is no measurement in it; send at least one")
     times = (max(target.earliest, -FARTHEST_S), target.latest)
+    if columns.unavailable is not None:
+        return _in_order(columns, target)
     snapshot = sort_snapshot(columns.time, columns.cell, columns.state, times, target.grid.n_cells)
     return _in_order(columns, target) if snapshot is None else snapshot
 
@@ -57,12 +60,20 @@ def _in_order(columns: Columns, target: Target) -> Measurements:
     """Measurements of any kind."""
     for start in range(0, len(columns.time), BLOCK):
         _check(columns, start, target)
-    measurements = Measurements(
-        columns.time, columns.cell.astype(np.uint32, copy=False), columns.state.astype(np.uint8, copy=False)
-    ).in_order()
-    if _contradict(measurements).any():
-        raise InvalidInputError.at(_contradiction(columns), "this cell is both occupied and free at the same time")
+    measurements = Measurements(columns.time, columns.cell.astype(np.uint32, copy=False), _states(columns)).in_order()
+    wrong = _contradict(measurements)
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        one, other = (STATES[int(state)] for state in measurements.state[[row + 1, row]])
+        message = f"this cell is both {one} and {other} at the same time"
+        raise InvalidInputError.at(_contradiction(columns), message)
     return measurements
+
+
+def _states(columns: Columns) -> NDArray[np.uint8]:
+    """(n,) uint8: 0, 1, or UNAVAILABLE."""
+    state = columns.state.astype(np.uint8, copy=False)
+    return state if columns.unavailable is None else np.where(columns.unavailable, np.uint8(UNAVAILABLE), state)
 
 
 def _check(columns: Columns, start: int, target: Target) -> None:
@@ -77,7 +88,7 @@ def _check(columns: Columns, start: int, target: Target) -> None:
         "this lies too far in the future; check the robot's clock and that times are in seconds",
     )
     refuse(time < -FARTHEST_S, columns.time_field, "this is no Unix time in seconds")
-    refuse((state < 0) | (state > 1), columns.state_field, "a state is 0 (free) or 1 (occupied)")
+    refuse((state < 0) | (state > 1), columns.state_field, STATE_MESSAGE)
     n_cells = target.grid.n_cells
     says = f"cells are 0 to {n_cells - 1} here, and indices [i,j,k] lie within the shape {list(target.grid.shape)}"
     refuse((cell < 0) | (cell >= n_cells), columns.cell_field, says)
@@ -98,6 +109,6 @@ def _contradict(measurements: Measurements) -> NDArray[np.bool_]:
 def _contradiction(columns: Columns) -> str:
     """The field of the first measurement, as they were sent, that contradicts an earlier one."""
     order = np.lexsort((columns.cell, columns.time))
-    cell, state = columns.cell[order].astype(np.uint32), columns.state[order].astype(np.uint8)
+    cell, state = columns.cell[order].astype(np.uint32), _states(columns)[order]
     clash = _contradict(Measurements(columns.time[order], cell, state))
     return columns.cell_field(int(order[int(np.argmax(clash)) + 1]))

@@ -8,6 +8,7 @@ from tidemap.schemas.common import Answer, Form, Text, TimeIn, TimeOut, shown
 from tidemap.schemas.locations import Confidence, EstimatorName
 
 Rule = Literal["surprise", "paper"]
+EventRule = Literal["surprise", "paper", "silence"]
 
 
 class EventParts(Answer):
@@ -26,6 +27,11 @@ class Event(Answer):
     mean predicted probability of the cells, `surprise` the peak of |p - s|. `id` is null for events that were
     computed on request and are not stored. Lists and messages have the first 10,000 cells of an event, of
     `cells_total`; GET /anomalies/{id} has all of them.
+
+    An event of rule `silence` is no surprise: a location that usually speaks does not. It has no cells, `observed` is
+    null, `probability` and `surprise` are how likely it was that it would have spoken since `start`. `ended`: what is
+    measured from now on does not continue it. `muted`: nobody hears of it, as all of it lies in a time that was muted;
+    nor until `snoozed_until`. `change` is the number of its latest change: a stream resumes behind it.
     """
 
     id: int | None
@@ -35,16 +41,21 @@ class Event(Answer):
     cells: list[int]
     cells_total: int = Field(default_factory=lambda event: len(event["cells"]))
     bbox: list[float] | None
-    observed: Literal[0, 1]
+    observed: Literal[0, 1] | None
     parts: EventParts | None = None
     probability: float
     surprise: float
     confidence: float
-    rule: Rule
+    rule: EventRule
     revision: int
     acknowledged_by: str | None = None
     acknowledged_at: TimeOut | None = None
     note: str | None = None
+    ended: bool = False
+    muted: bool = False
+    snoozed_by: str | None = None
+    snoozed_until: TimeOut | None = None
+    change: int | None = None
 
 
 class EventReasons(Answer):
@@ -120,6 +131,14 @@ class AcknowledgeForm(Form):
     model_config = shown({"note": "The cleaners came early."})
 
     note: Text | None = Field(None, max_length=2000)
+
+
+class SnoozeForm(Form):
+    """Nobody is to hear of an event until a time; null: from now on they are again."""
+
+    model_config = shown({"until": "2026-03-02T08:00:00Z"})
+
+    until: TimeIn | None
 
 
 class Events(Answer):

@@ -211,7 +211,8 @@ class EvaluateForm(Form):
     With `horizons_s` the answer given what was read is scored too (or only, without `orders`): every reading in
     [start, stop), by default the last quarter of the history, is predicted from the latest reading at least so many
     seconds before it. What predicts it is learned as in an update, daily or, of more than eight days, eight times, each
-    time from what was read since `train_start` and before. At most 16 horizons, each up to 366 days.
+    time from what was read since `train_start` and before. Where the sensor errs it is its readings that are predicted,
+    errors included. At most 16 horizons, each up to 366 days.
     """
 
     model_config = shown(

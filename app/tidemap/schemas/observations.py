@@ -16,7 +16,10 @@ class StateObservations(Form):
     """Measurements of a location of kind `state`: two columns of one length."""
 
     time: list[TimeIn] = Field(min_length=1)
-    state: list[Literal[0, 1]] = Field(min_length=1)
+    state: list[Literal[0, 1] | None] = Field(
+        min_length=1,
+        description="1 occupied, 0 free, null where the sensor is unavailable: from then on nothing is held.",
+    )
 
 
 class GridObservation(Form):
@@ -25,6 +28,7 @@ class GridObservation(Form):
     time: TimeIn
     occupied: Cells = Field(default=[], description="Cells seen occupied.")
     free: Cells = Field(default=[], description="Cells seen free.")
+    unavailable: Cells = Field(default=[], description="Cells whose state the sensor does not know from now on.")
 
 
 class GridObservations(Form):

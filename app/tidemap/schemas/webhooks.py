@@ -57,8 +57,9 @@ class WebhookTest(Answer):
 
 
 class Delivery(Answer):
-    """One anomaly to one receiver. `message_id` is its `webhook-id` in every attempt.
+    """A change of an anomaly for one receiver. `message_id` is its `webhook-id` in every attempt.
 
+    `update`: the receiver has had the anomaly before. Those of one anomaly are sent one after the other.
     `waiting` is tried again at `next_at`; `failed` is put aside after ten attempts, and can be retried.
     """
 
@@ -72,3 +73,4 @@ class Delivery(Answer):
     error: str | None
     created_at: TimeOut
     finished_at: TimeOut | None
+    update: bool

@@ -4,16 +4,21 @@ uvicorn's httptools protocol has no bound on any of them. A head is the request 
 and the lengths of chunks count as part of it.
 """
 
+import socket
 from asyncio import BaseTransport, TimerHandle
+from collections.abc import Sequence
+from functools import partial
 from http import HTTPStatus
 from typing import Any
 
 import httptools
 import orjson
 from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol
+from uvicorn.protocols.utils import ClientDisconnected
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+from websockets.http11 import Request
 
-from tidemap.api.server_sent import ABORT
+from tidemap.api.connections import ABORT, BOUND_BUFFER, SEND_TEXTS
 from tidemap.media_types import PROBLEM
 from tidemap.server.census import Census
 
@@ -22,6 +27,10 @@ MAX_HEAD_LINES = 100
 MAX_HEAD_S = 10.0
 MAX_LINGER_S = 5.0
 """How long the rest of a body may take whose request is answered already."""
+MAX_WAITING_BYTES = 1 << 18
+"""What the system holds for a reader of events, who is noticed sooner so when they do not keep up."""
+MAX_CLOSE_S = 30.0
+"""How long a WebSocket may take to close; then its connection is cut off."""
 CHUNK_OVERHEAD = 16
 """Bytes around each byte of a body that arrives in the smallest of chunks."""
 
@@ -83,7 +92,8 @@ class BoundedHttpProtocol(HttpToolsProtocol):
     def on_message_begin(self) -> None:
         """A new head."""
         super().on_message_begin()
-        self.scope["extensions"] = {ABORT: self.transport.abort}  # type: ignore[dict-item]
+        bound = partial(bound_buffer, self.transport)
+        self.scope["extensions"] = {ABORT: self.transport.abort, BOUND_BUFFER: bound}  # type: ignore[dict-item]
         self._lines = self._parsed = self._raw = self._body = 0
 
     def on_url(self, url: bytes) -> None:
@@ -176,8 +186,26 @@ class BoundedWebSocketProtocol(WebSocketsSansIOProtocol):
         """Leave `census` when the connection closes."""
         self._census, self._address = census, address
 
+    def handle_connect(self, event: Request) -> None:
+        """As uvicorn, with our extensions; the application begins later."""
+        super().handle_connect(event)
+        if not self.handshake_complete:
+            ours = {SEND_TEXTS: self.send_texts, BOUND_BUFFER: partial(bound_buffer, self.transport)}
+            self.scope["extensions"].update(ours)  # type: ignore[arg-type]
+
+    async def send_texts(self, texts: Sequence[bytes]) -> None:
+        """Send text messages in one write. Raises ClientDisconnected."""
+        await self.writable.wait()
+        if self.disconnected or self.close_sent:
+            raise ClientDisconnected
+        self.transport.write(b"".join(part for text in texts for part in (text_head(len(text)), text)))
+
     async def send(self, message: Any) -> None:
-        """As uvicorn, which forgets that a refusal with a body ends the handshake, and logs an error."""
+        """As uvicorn, but closing waits for no reader, and a refusal with a body ends the handshake."""
+        if message["type"] == "websocket.close" and self.handshake_complete:
+            # Behind what waits for a reader who does not keep up: who reads on finds out why.
+            self.writable.set()
+            self.loop.call_later(MAX_CLOSE_S, self.transport.abort)
         await super().send(message)
         if message["type"] == "websocket.http.response.body" and not message.get("more_body", False):
             self.handshake_complete = True
@@ -188,6 +216,26 @@ class BoundedWebSocketProtocol(WebSocketsSansIOProtocol):
         if self._census is not None and self._address is not None:
             self._census.leave(self._address)
             self._address = None
+
+
+def bound_buffer(transport: BaseTransport) -> None:
+    """Let the system hold MAX_WAITING_BYTES for the reader of a connection, or twice as many."""
+    connected = transport.get_extra_info("socket")
+    if connected is not None:
+        connected.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, MAX_WAITING_BYTES)
+
+
+def text_head(length: int) -> bytes:
+    """What stands before a text message of a WebSocket that a server sends whole (RFC 6455, section 5.2).
+
+    >>> text_head(5).hex(), text_head(300).hex(), text_head(70_000).hex()
+    ('8105', '817e012c', '817f0000000000011170')
+    """
+    if length < 126:
+        return bytes((0x81, length))
+    if length < 1 << 16:
+        return b"\x81\x7e" + length.to_bytes(2, "big")
+    return b"\x81\x7f" + length.to_bytes(8, "big")
 
 
 def problem(status: int, detail: str) -> bytes:

@@ -2,6 +2,7 @@
 
 import asyncio
 import gc
+import logging
 import signal
 import socket
 import sys
@@ -23,7 +24,12 @@ from tidemap.server.processes import Extension, all_in_one
 from tidemap.server.protocol import BoundedHttpProtocol, BoundedWebSocketProtocol
 from tidemap.server.warming import warm_up
 from tidemap.services.context import Context
+from tidemap.services.keys import is_open
+from tidemap.settings import is_loopback
+from tidemap.storage.store import shown
+from tidemap.version import __version__
 
+log = logging.getLogger(__name__)
 GRACE_S = 10
 MAX_MESSAGE_BYTES = 2**20
 """Largest message of a WebSocket's client; what the server sends has no such bound."""
@@ -70,6 +76,8 @@ def serve(ctx: Context, bound: socket.socket, options: ServeOptions, *extensions
         config = configure(site, settings.host, settings.port, census)
         url = url_of(bound)
 
+        log.info("Tidemap %s on %s; %s", __version__, shown(settings.url), who_enters(ctx))
+
         def ready() -> None:
             # As one: print writes the end of a line by itself, and others log meanwhile.
             print(f"Tidemap is ready at {url}\n", end="", flush=True)
@@ -83,7 +91,17 @@ def serve(ctx: Context, bound: socket.socket, options: ServeOptions, *extensions
         # What has come so far stays: a collection need not look at it again.
         gc.freeze()
         server.run([bound])
+        log.info("Tidemap has answered what it took, and stops")
         return 0 if server.started else 1
+
+
+def who_enters(ctx: Context) -> str:
+    """In words, for the log: who may do something here."""
+    if not is_open(ctx):
+        return "who shows a key may enter"
+    if is_loopback(ctx.settings.host):
+        return "no key exists: everybody on this machine is an admin"
+    return "no key exists, and --open was said: everybody who reaches it is an admin"
 
 
 def configure(site: Any, host: str, port: int, census: Census) -> uvicorn.Config:

@@ -9,7 +9,7 @@ from tidemap.errors import refuse_reversed
 from tidemap.scope import EVERYWHERE, Scope
 from tidemap.services.context import Context
 from tidemap.storage.records import SEEN_FREE, SEEN_OCCUPIED, AnomalyRecord, LocationRecord
-from tidemap.storage.repositories.anomalies import AnomalyFilter
+from tidemap.storage.repositories.anomalies import SILENCE, AnomalyFilter
 from tidemap.storage.work import Work
 
 
@@ -21,6 +21,11 @@ class Anomaly(AnomalyRecord):
     location: str
     cells_total: int
     bbox: tuple[float, ...] | None
+
+    @property
+    def silent(self) -> bool:
+        """Whether it is no surprise, but a silence: nothing was measured."""
+        return self.rule == SILENCE
 
     @property
     def parts(self) -> dict[str, NDArray[np.int64]] | None:
@@ -45,6 +50,7 @@ class EventQuery:
     acknowledged: bool | None = None
     scope: Scope = EVERYWHERE
     search: str = ""
+    muted: bool | None = None
 
 
 def list_events(ctx: Context, query: EventQuery) -> list[Anomaly]:
@@ -85,7 +91,20 @@ def _filter(query: EventQuery, location: LocationRecord | None) -> AnomalyFilter
         query.acknowledged,
         query.scope,
         query.search,
+        query.muted,
     )
+
+
+def changed_events(ctx: Context, location: str | None, scope: Scope, after: int, limit: int) -> list[Anomaly]:
+    """Events that changed after a number, in order of that, of a location or all in scope; not muted or snoozed ones.
+
+    Raises LocationNotFoundError.
+    """
+    with ctx.store.read() as work:
+        only = None if location is None else work.locations.get(location)
+        records = work.anomalies.changed(after, limit, only.id if only else None, scope)
+        locations = {each.id: each for each in ([only] if only else work.locations.list() if records else [])}
+    return [_known(ctx, locations[record.location_id], record) for record in records]
 
 
 def get_event(ctx: Context, anomaly_id: int) -> Anomaly:
@@ -116,7 +135,7 @@ def _known(ctx: Context, location: LocationRecord, record: AnomalyRecord) -> Ano
 def anomaly_of(location: LocationRecord, record: AnomalyRecord) -> Anomaly:
     """An event of a location from its row."""
     return Anomaly(
-        **{each.name: getattr(record, each.name) for each in fields(record)},
+        **{each.name: getattr(record, each.name) for each in fields(AnomalyRecord)},
         location=location.name,
         cells_total=len(record.cells),
         bbox=location.grid.bounding_box(record.cells) if location.grid and len(record.cells) else None,

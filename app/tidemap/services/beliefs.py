@@ -11,7 +11,8 @@ from tidemap.services.context import Context, KeptEvidence
 from tidemap.services.history import read_backwards
 from tidemap.services.readings import by_chunk, read_later
 from tidemap.services.spectra import Fitted
-from tidemap.spectral.belief import Beliefs, Detector
+from tidemap.spectral.belief import Beliefs
+from tidemap.spectral.detector import Detector
 from tidemap.spectral.durations import Durations
 from tidemap.spectral.prediction import predict_readings
 from tidemap.spectral.sensor import Sensor

@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 
 from tidemap.errors import CorruptChunkError
+from tidemap.history.ends import Ends
 from tidemap.history.segment import SEGMENT_SAMPLES, Segment
 from tidemap.space.grid import Extent
 from tidemap.storage.blobs import (
@@ -152,7 +153,9 @@ def _match_segment(location: LocationRecord, chunk: int, row: Row, standing: lis
         if each is not None and each.shape != (history.n_cells, SEGMENT_SAMPLES):
             raise ValueError("its ranks, or its counts, are not one a cell and sample")
     _match_times(location, segment)
-    standing.append(int(history.count_observed().sum()))
+    if segment.ends is not None:
+        _match_ends(location, segment, segment.ends)
+    standing.append(int(history.count_observed().sum()) + (0 if segment.ends is None else len(segment.ends)))
 
 
 def _match_times(location: LocationRecord, segment: Segment) -> None:
@@ -166,6 +169,15 @@ def _match_times(location: LocationRecord, segment: Segment) -> None:
         raise ValueError("its times are not those of the samples that were observed")
     if len(segment.time) and (location.last_time is None or segment.time[-1] > location.last_time):
         raise ValueError("it is later than the last measurement that the location counted")
+
+
+def _match_ends(location: LocationRecord, segment: Segment, ends: Ends) -> None:
+    """ValueError where what sensors said of not being available is not of the segment."""
+    samples = location.base.sample(ends.time)
+    if len(ends.time) != len(ends.cell) or ends.cell.max(initial=0) >= segment.history.n_cells:
+        raise ValueError("its ends are not one a cell of it")
+    if np.any((samples < segment.history.start) | (samples >= segment.history.stop)):
+        raise ValueError("its ends are not within its samples")
 
 
 def _revisions(snapshot: Snapshot, location: LocationRecord, _: LogTotals) -> Iterator[Wrong]:

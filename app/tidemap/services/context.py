@@ -47,12 +47,21 @@ class Loaded:
         object.__setattr__(self, "known", known(self.spectrum))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class KeptEvidence:
-    """What was read last of some cells, or is believed of them; those of `damaged` chunks look as if never read."""
+    """What was read last of some cells, or is believed of them; those of `damaged` chunks look as if never read.
+
+    until (n,): the last sample in which that may be held, as the sensor was unavailable then; None where none was.
+    """
 
     evidence: Evidence | Beliefs
     damaged: list[int]
+    until: NDArray[np.int64] | None = None
+
+    def rows(self, rows: NDArray[np.int64]) -> "KeptEvidence":
+        """The same of some rows."""
+        until = None if self.until is None else self.until[rows]
+        return KeptEvidence(self.evidence.rows(rows), self.damaged, until)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

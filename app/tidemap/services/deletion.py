@@ -2,23 +2,26 @@
 
 import logging
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.errors import refuse_reversed
 from tidemap.history.chunks import Part, by_segment, of_chunk, split
-from tidemap.history.erasing import erase
+from tidemap.history.erasing import erase_all
 from tidemap.history.measurements import Measurements
 from tidemap.history.segment import SEGMENT_SAMPLES, Segment, merge
+from tidemap.services.anomalies import anomaly_of
 from tidemap.services.compaction import replace_log, segment_before, stored_segment, unpack
 from tidemap.services.context import Context
 from tidemap.services.history import NOTHING
+from tidemap.services.incidents import EventChange
 from tidemap.services.locations import find_location
+from tidemap.services.messages import publish_events
 from tidemap.services.owners import Owners
 from tidemap.storage.blobs import pack_segment
-from tidemap.storage.records import LocationRecord
+from tidemap.storage.records import AnomalyRecord, LocationRecord
 from tidemap.storage.repositories.segments import SegmentKey
 from tidemap.storage.work import Work
 
@@ -79,18 +82,46 @@ def _delete(ctx: Context, location_id: int, what: Deletion, check: Callable[[], 
         deleted = sum(map(len, parts)) - sum(map(len, kept))
         merged: dict[SegmentKey, bytes] = {}
         for key, segment, erased in _revised(ctx, location, split([part for part in kept if len(part)]), keys, choose):
-            merged[key] = pack_segment(segment) if len(segment.time) else b""
+            merged[key] = b"" if segment.is_empty else pack_segment(segment)
             deleted += erased
             check()
         through = rows[-1].number if rows else location.compacted_seq
+
+        changes: list[EventChange] = []
 
         def store(work: Work) -> int | None:
             if not replace_log(work, location, through, merged, damaged):
                 return None
             work.observations.recount(location, work.segments.times(location), deleted)
+            changes[:] = _without_events(work, location, what)
             return deleted
 
-        return ctx.store.write(store, lambda _: _let_go(ctx, location_id)) if deleted else 0
+        def let_go(_: int | None) -> None:
+            _let_go(ctx, location_id)
+            publish_events(ctx, changes)
+
+        return ctx.store.write(store, let_go) if deleted else 0
+
+
+def _without_events(work: Work, location: LocationRecord, what: Deletion) -> list[EventChange]:
+    """Delete the events that lie in a deleted span, and end others at its border, or begin them there.
+
+    Of what one source measured nobody knows which events came of it: they stay.
+    """
+    if what.source is not None:
+        return []
+    work.anomalies.delete_within(location.id, what.start, what.stop)
+    cut = [
+        replace(event, start=what.stop) if what.start <= event.start else replace(event, stop=what.start)
+        for event in work.anomalies.near(location.id, what.start, what.stop)
+        if event.damage is None and _reaches_in(event, what)
+    ]
+    return [EventChange(anomaly_of(location, event), "updated") for event in work.anomalies.change(cut)]
+
+
+def _reaches_in(event: AnomalyRecord, what: Deletion) -> bool:
+    """Whether an event begins or ends, and not both, in a deleted span."""
+    return what.start <= event.start < what.stop or what.start < event.stop <= what.stop
 
 
 def _reached(work: Work, location: LocationRecord, what: Deletion) -> set[SegmentKey]:
@@ -131,7 +162,7 @@ def _revised(
                     key, before = segment_before(ctx, work, location, key)
             segment = before or Segment.empty(location.chunk_size(chunk), number)
             if key in keys:
-                segment, erased = erase(segment, choose(segment.time), location.base)
+                segment, erased = erase_all(segment, choose, location.base)
             if erased or number in new:
                 yield key, merge(segment, new.get(number, NOTHING), location.base, location.combine), erased
 

@@ -42,10 +42,11 @@ GONE = 410
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """What came of it: the HTTP status, or why there was none."""
+    """What came of it: the HTTP status, or why there was none; `change` of an anomaly is the one that was sent."""
 
     status: int | None
     error: str | None
+    change: int = 0
 
     @property
     def delivered(self) -> bool:
@@ -54,7 +55,10 @@ class Attempt:
 
 
 def add_due(ctx: Context, webhook_id: int) -> None:
-    """Make deliveries of the anomalies since the webhook's cursor, as many as may wait; none where it is gone."""
+    """Make deliveries of the changes since the webhook's cursor, as many as may wait; none where it is gone.
+
+    A change of an anomaly whose delivery has not been tried yet is sent with that.
+    """
 
     def add(work: Work) -> None:
         webhook = work.webhooks.find(webhook_id)
@@ -62,10 +66,14 @@ def add_due(ctx: Context, webhook_id: int) -> None:
         if webhook is None or room <= 0:
             return
         latest = work.anomalies.latest()
-        found = work.anomalies.ids_after(webhook.cursor, room, webhook.scope)
+        found = work.anomalies.changes_after(webhook.cursor, room, webhook.scope)
         # What another server stored between the two questions is in what was found.
-        cursor = found[-1] if len(found) == room else max(latest, *found, 0)
-        messages = {number: f"msg_{secrets.token_urlsafe(18)}" for number in found}
+        numbers = [number for number, _ in found]
+        cursor = numbers[-1] if len(found) == room else max(latest, *numbers, 0)
+        waiting = work.webhooks.untried(webhook.id)
+        new = [id_ for _, id_ in found if id_ not in waiting]
+        known = work.webhooks.known(webhook.id, new)
+        messages = {id_: (new_message_id(), id_ in known) for id_ in new}
         work.webhooks.add_deliveries(webhook.id, messages, cursor, ctx.clock())
 
     ctx.store.write(add)
@@ -82,21 +90,24 @@ def next_due(ctx: Context, webhook_id: int) -> tuple[WebhookRecord, DeliveryReco
 
 
 async def deliver(ctx: Context, webhook: WebhookRecord, delivery: DeliveryRecord) -> Attempt | None:
-    """Try a delivery; None where its anomaly is gone or part of another, or its location not the webhook's any more."""
+    """Try a delivery, of the anomaly as it is now; None where that is gone, part of another, snoozed or muted, or its
+    location not the webhook's any more."""
     try:
         event = await asyncio.to_thread(get_event, ctx, delivery.anomaly_id)
     except AnomalyNotFoundError:
         return None
-    if event.id != delivery.anomaly_id or not webhook.scope.holds(event.location):
+    silenced = event.muted or event.snoozed_until is not None
+    if event.id != delivery.anomaly_id or silenced or not webhook.scope.holds(event.location):
         return None
     event = replace(event, cells=event.cells[:MAX_CELLS])
-    data = anomaly_message(event, delivery.created_at).wire()
-    return await send(ctx, webhook, delivery.message_id, _body("anomaly", delivery.created_at, data))
+    data = anomaly_message(event, delivery.created_at, update=delivery.update).wire()
+    attempt = await send(ctx, webhook, delivery.message_id, _body("anomaly", delivery.created_at, data))
+    return replace(attempt, change=event.change)
 
 
 async def send_test(ctx: Context, webhook: WebhookRecord) -> Attempt:
     """Try to send a message that says nothing, now."""
-    return await send(ctx, webhook, f"msg_{secrets.token_urlsafe(18)}", _body("test", ctx.clock(), {}))
+    return await send(ctx, webhook, new_message_id(), _body("test", ctx.clock(), {}))
 
 
 async def send(ctx: Context, webhook: WebhookRecord, message_id: str, body: bytes) -> Attempt:
@@ -126,9 +137,25 @@ def settle(ctx: Context, webhook: WebhookRecord, delivery: DeliveryRecord, attem
         if attempt.status == GONE:
             work.webhooks.disable(webhook.id, webhook.url)
         if values["state"] != "waiting":
+            _add_passed(work, webhook.id, delivery, attempt.change, ctx.clock())
             work.webhooks.prune(webhook.id, values["state"], KEPT)
 
     ctx.store.write(store)
+
+
+def _add_passed(work: Work, webhook_id: int, delivery: DeliveryRecord, sent: int, now: float) -> None:
+    """Add a delivery of what has changed of an anomaly while this one was under way and was taken to go with it."""
+    webhook, id_ = work.webhooks.find(webhook_id), delivery.anomaly_id
+    number = work.anomalies.change_of(id_)
+    if webhook is None or number is None or not sent < number <= webhook.cursor:
+        return
+    if id_ not in work.webhooks.untried(webhook_id):
+        work.webhooks.add_deliveries(webhook_id, {id_: (new_message_id(), True)}, webhook.cursor, now)
+
+
+def new_message_id() -> str:
+    """The id of a message, the same in every attempt."""
+    return f"msg_{secrets.token_urlsafe(18)}"
 
 
 def _after(now: float, delivery: DeliveryRecord, attempt: Attempt) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from tidemap.errors import CorruptChunkError
 from tidemap.history.chunks import CHUNK_CELLS, by_chunk, by_segment, of_chunk
 from tidemap.history.history import History
 from tidemap.history.measurements import Measurements
-from tidemap.history.segment import SEGMENT_SAMPLES, Segment, lay, merge, since_gap, standing, times_at
+from tidemap.history.segment import SEGMENT_SAMPLES, Segment, ends_of, lay, merge, since_gap, standing, times_at
 from tidemap.services.context import Context
 from tidemap.settings import YEAR_S
 from tidemap.storage.records import LocationRecord
@@ -64,6 +64,13 @@ def read_history(ctx: Context, location: LocationRecord, chunk: int, start: int,
         location = work.locations.by_id(location.id)
         history = _stored(ctx, work, location, chunk, start - (location.hold_samples or 0), stop)
     return _held(location, history, start, stop)
+
+
+def read_measured(ctx: Context, location: LocationRecord, chunk: int, start: int, stop: int) -> History:
+    """As `read_history`, without what is held."""
+    with ctx.store.read() as work:
+        location = work.locations.by_id(location.id)
+        return _stored(ctx, work, location, chunk, start, stop).window(start, stop)
 
 
 def read_compacted(ctx: Context, location: LocationRecord, chunk: int, start: int, stop: int) -> History:
@@ -167,9 +174,15 @@ def _segments(location: LocationRecord, start: int, stop: int) -> tuple[int, int
 
 def _assemble(ctx: Context, work: Work, location: LocationRecord, chunk: int, first: int, last: int) -> History:
     whole = History.empty(location.chunk_size(chunk), first * SEGMENT_SAMPLES, (last - first + 1) * SEGMENT_SAMPLES)
+    ended = []
     for segment in _merged(ctx, work, location, chunk, first, last):
         lay(whole, segment)
-    return whole
+        if segment.ends is not None:
+            ended.append(ends_of(segment, location.base))
+    if not ended:
+        return whole
+    cell, sample = (np.concatenate(column) for column in zip(*ended, strict=True))
+    return whole.ending(cell, sample)
 
 
 def _merged(ctx: Context, work: Work, location: LocationRecord, chunk: int, first: int, last: int) -> Iterator[Segment]:

@@ -4,18 +4,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-import numpy as np
-
 from tidemap.errors import InvalidInputError
 from tidemap.history.history import History
 from tidemap.services.context import Context
-from tidemap.services.history import read_history, window
-from tidemap.services.sampling import sample_cells
+from tidemap.services.history import read_history, read_measured, window
+from tidemap.services.sampling import SampledCells, measured, sample_cells
 from tidemap.services.selection import selected, settled
 from tidemap.spectral.civil import DAY_S
 from tidemap.spectral.evaluation import Reliability, Scores, ScoreSums, expected_calibration_error
-from tidemap.spectral.horizons import HorizonSums, WalkPlan, walk
+from tidemap.spectral.horizons import Erring, HorizonSums, WalkPlan, walk
 from tidemap.spectral.recipe import Recipe
+from tidemap.spectral.sensor import Sensor
 from tidemap.storage.records import LocationRecord
 
 MAX_HORIZON_S = 366 * DAY_S
@@ -78,16 +77,13 @@ def evaluate_horizons(
 
     Damaged chunks are left out. `check` is called between steps; what it raises ends this. Raises InvalidInputError.
     """
-    if location.sensor is not None:
-        raise InvalidInputError.at(
-            "horizons_s", "the sensor of this location errs, and scores by horizon take readings as true; leave it out"
-        )
     plan, first, stop = _plan(ctx, location, query)
     sampled = sample_cells(ctx, location, (first, stop), check, SCORED_CELLS, until=plan.start, read=read_history)
-    history = _thinned(sampled.history, plan)
-    if not history.n_cells:
+    scored = _thinned(sampled, plan)
+    if not scored.history.n_cells:
         raise InvalidInputError.at("start", "no cell changes before it, so nothing can be learned; choose a later one")
-    sums = walk(history, location.base, plan, partial(_recipe, location, check), check)
+    erring = None if location.sensor is None else _erring(ctx, location, scored)
+    sums = walk(scored.history, location.base, plan, partial(_recipe, location, check), check, erring)
     return [_scores(each, asked) for each, asked in zip(sums, query.horizons_s, strict=True)]
 
 
@@ -113,11 +109,17 @@ def _plan(ctx: Context, location: LocationRecord, query: HorizonQuery) -> tuple[
     return WalkPlan(start, step, horizons), first, stop
 
 
-def _thinned(history: History, plan: WalkPlan) -> History:
+def _thinned(sampled: SampledCells, plan: WalkPlan) -> SampledCells:
     """Evenly spread cells, as many as may be scored."""
-    cost = (history.stop - plan.start) * len(plan.horizons)
-    step = -(-history.n_cells * cost // MAX_PREDICTIONS)
-    return history if step <= 1 else history.cells(np.arange(0, history.n_cells, step))
+    cost = (sampled.history.stop - plan.start) * len(plan.horizons)
+    step = -(-sampled.history.n_cells * cost // MAX_PREDICTIONS)
+    return sampled if step <= 1 else sampled.every(step)
+
+
+def _erring(ctx: Context, location: LocationRecord, scored: SampledCells) -> Erring:
+    """What is known of the sensor of a location, and what it measured of some cells."""
+    given = location.sensor if isinstance(location.sensor, Sensor) else None
+    return Erring(measured(ctx, location, scored, read_measured), given, location.hold_samples or 0)
 
 
 def _recipe(location: LocationRecord, check: Callable[[], None], past: History) -> Recipe:

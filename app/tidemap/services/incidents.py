@@ -14,10 +14,13 @@ import numpy as np
 
 from tidemap.services.anomalies import Anomaly, anomaly_of
 from tidemap.services.grouping import with_seen
+from tidemap.services.mutes import is_muted
 from tidemap.services.was_read import was_read
 from tidemap.space.regions import Spans, link
 from tidemap.storage.records import SEEN_FREE, SEEN_OCCUPIED, AnomalyRecord, LocationRecord
 from tidemap.storage.work import Work
+
+Done = Literal["new", "updated", "kept"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,29 +31,55 @@ class EventChange:
     """
 
     event: Anomaly
-    done: Literal["new", "updated", "kept"]
+    done: Done
     joined: tuple[int, ...] = ()
 
+    @property
+    def stored(self) -> bool:
+        """Whether something is stored of it."""
+        return self.done != "kept"
 
-def store_events(work: Work, location: LocationRecord, events: Sequence[AnomalyRecord]) -> list[EventChange]:
-    """Store events with those they continue: of each that is stored then what was done.
+    @property
+    def audible(self) -> bool:
+        """Whether somebody is to hear of it."""
+        return self.stored and not self.event.muted and self.event.snoozed_until is None
+
+
+def store_events(
+    work: Work, location: LocationRecord, events: Sequence[AnomalyRecord], now: float
+) -> list[EventChange]:
+    """Store events, now, with those they continue: of each that is stored then what was done.
 
     The location's row must be locked, so that nobody else extends the same event meanwhile.
     """
     if not events:
         return []
-    groups = _with_stored(work, location, events)
-    united = [_united(group) for group in groups]
-    numbered = iter(work.anomalies.append([event for event in united if not event.id]))
-    changes = [
-        _change(location, event, group) if event.id else EventChange(anomaly_of(location, next(numbered)), "new")
-        for event, group in zip(united, groups, strict=True)
+    groups, mutes = _with_stored(work, location, events), work.mutes.list()
+    before = ended_before(location, now)
+    united = [
+        replace(event, muted=is_muted(mutes, location, event.start, event.stop), ended=event.stop < before)
+        for event in map(_united, groups)
     ]
-    work.anomalies.change([change.event for change in changes if change.done == "updated"])
+    changes = [_change(location, event, group) for event, group in zip(united, groups, strict=True)]
+    appended = iter(work.anomalies.append([event for event in united if not event.id]))
+    changed = iter(work.anomalies.change([each.event for each in changes if each.stored and each.event.id]))
     for change in changes:
         if change.joined:
             work.anomalies.absorb(location.id, change.joined, change.event.id)
-    return changes
+    return [
+        replace(each, event=anomaly_of(location, next(changed if each.event.id else appended))) if each.stored else each
+        for each in changes
+    ]
+
+
+def ended_before(location: LocationRecord, now: float) -> float:
+    """What stopped before this time is not continued by what is measured from now on.
+
+    That is after the longest gap that an event outlasts. Of what is held nothing ends before it was judged.
+    """
+    held = location.missing == "hold" and location.revision
+    judged = location.judged_to if held and location.judged_to is not None else now
+    return min(judged, now) - (location.gap_samples + 1) * location.interval_s
 
 
 def _with_stored(work: Work, location: LocationRecord, events: Sequence[AnomalyRecord]) -> list[list[AnomalyRecord]]:
@@ -96,11 +125,17 @@ def _spans(location: LocationRecord, records: Sequence[AnomalyRecord]) -> Spans:
 
 
 def _change(location: LocationRecord, united: AnomalyRecord, group: Sequence[AnomalyRecord]) -> EventChange:
-    """What has become of the oldest of a group."""
+    """What becomes of the oldest of a group, which is new where none of them is stored.
+
+    What nobody has heard of, as it was muted, is new to those who hear of it now.
+    """
+    if not united.id:
+        return EventChange(anomaly_of(location, united), "new")
     oldest, *others = [record for record in group if record.id]
     if not others and _alike(united, oldest):
         return EventChange(anomaly_of(location, oldest), "kept")
-    return EventChange(anomaly_of(location, united), "updated", tuple(record.id for record in others))
+    done: Done = "new" if all(record.muted for record in (oldest, *others)) else "updated"
+    return EventChange(anomaly_of(location, united), done, tuple(record.id for record in others))
 
 
 def _alike(one: AnomalyRecord, other: AnomalyRecord) -> bool:
@@ -115,6 +150,7 @@ def _united(group: Sequence[AnomalyRecord]) -> AnomalyRecord:
         return group[0]
     latest = max(reversed(group), key=lambda record: record.revision)
     seen_by = next((record for record in group if record.acknowledged_by is not None), group[0])
+    snoozed = max(group, key=lambda record: record.snoozed_until or 0.0)
     marks = sum(record.marks for record in group)
     cells, row = np.unique(np.concatenate([record.cells for record in group]), return_inverse=True)
     seen = np.zeros(len(cells), np.uint8)
@@ -133,10 +169,12 @@ def _united(group: Sequence[AnomalyRecord]) -> AnomalyRecord:
         acknowledged_by=seen_by.acknowledged_by,
         acknowledged_at=seen_by.acknowledged_at,
         note=seen_by.note,
+        snoozed_by=snoozed.snoozed_by,
+        snoozed_until=snoozed.snoozed_until,
     )
     return with_seen(united, seen)
 
 
 def published(changes: Sequence[EventChange]) -> Iterator[EventChange]:
     """Those that somebody is to hear of."""
-    return (change for change in changes if change.done != "kept")
+    return (change for change in changes if change.audible)

@@ -14,8 +14,8 @@ from tidemap.services.predict import predicted_blocks
 from tidemap.services.series import times_between
 from tidemap.services.spectra import Fitted, fitted
 from tidemap.services.state import cells_in
-from tidemap.spectral.belief import Detector
 from tidemap.spectral.civil import DAY_S
+from tidemap.spectral.detector import Detector
 from tidemap.spectral.information import ErrorRates, best_times, entropy_nats, information
 from tidemap.spectral.sensor import Sensor
 

@@ -63,9 +63,8 @@ def create_key(
 def rotate_key(ctx: Context, key_id: int, overlap_s: float) -> IssuedKey:
     """Another key like this one, with the same expiry; this one expires after `overlap_s`, 0 to MAX_OVERLAP_S seconds.
 
-    It is not stored that a key was rotated, only when it expires: one that expires within the overlap is refused, so
-    that rotating a key twice makes no short-lived one unnoticed. Raises KeyNotFoundError, KeyEndsError,
-    InvalidInputError.
+    One that was rotated before, or expires within the overlap, is refused: a new key would expire with it, as it does
+    now, and not as it was meant to. Raises KeyNotFoundError, KeyEndsError, InvalidInputError.
     """
     if not (math.isfinite(overlap_s) and 0 <= overlap_s <= MAX_OVERLAP_S):
         raise InvalidInputError.at("overlap_s", f"give 0 to {MAX_OVERLAP_S:.0f} seconds")
@@ -74,9 +73,9 @@ def rotate_key(ctx: Context, key_id: int, overlap_s: float) -> IssuedKey:
         old, now = work.keys.get(key_id), ctx.clock()
         if old.expired(now):
             raise KeyNotFoundError(key_id)
-        if old.expires_at is not None and old.expires_at <= now + overlap_s:
+        if old.rotated or (old.expires_at is not None and old.expires_at <= now + overlap_s):
             raise KeyEndsError(key_id)
-        work.keys.end(key_id, now + overlap_s)
+        work.keys.rotate(key_id, now + overlap_s)
         return _issue(ctx, work, old.name, _role(old), old.scope, old.expires_at)
 
     return ctx.store.write(rotate)

@@ -1,12 +1,12 @@
 """Messages of stored events, and those that somebody has missed."""
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import fields
 from typing import Any
 
 from tidemap.events.messages import EventMessage
 from tidemap.events.subscription import EventFilter
-from tidemap.services.anomalies import Anomaly, EventQuery, list_events
+from tidemap.services.anomalies import Anomaly, changed_events
 from tidemap.services.context import Context
 from tidemap.services.incidents import EventChange, published
 from tidemap.services.listing import shortened
@@ -14,11 +14,10 @@ from tidemap.services.listing import shortened
 HIDDEN = ("location_id", "damage", "seen", "marks", "part_of")
 
 
-def anomaly_message(event: Anomaly, now: float) -> EventMessage:
-    """The message of a new event: in it, what the API shows of the event in a list."""
-    return EventMessage(
-        "anomaly", event.location, event.id, now, _data(shortened(event)) | {"update": False, "joined": []}
-    )
+def anomaly_message(event: Anomaly, now: float, *, update: bool = False, joined: Sequence[int] = ()) -> EventMessage:
+    """The message of an event: in it, what the API shows of the event in a list."""
+    news = {"update": update, "joined": list(joined)}
+    return EventMessage("anomaly", event.location, event.id, now, _data(shortened(event)) | news)
 
 
 def publish_events(ctx: Context, changes: Sequence[EventChange]) -> None:
@@ -26,28 +25,31 @@ def publish_events(ctx: Context, changes: Sequence[EventChange]) -> None:
     ones are a part of it from now on."""
     now = ctx.clock()
     for change in published(changes):
-        message = anomaly_message(change.event, now)
-        news = {"update": change.done == "updated", "joined": list(change.joined)}
-        ctx.bus.publish(replace(message, data=message.data | news))
+        update = change.done == "updated"
+        ctx.bus.publish(anomaly_message(change.event, now, update=update, joined=change.joined))
 
 
-def latest_anomaly(ctx: Context) -> int:
-    """The id of the last stored event, 0 before the first: what is stored later has a higher one."""
+def latest_change(ctx: Context) -> int:
+    """The number of the latest change of an event, 0 before the first: what changes later has a higher one."""
     with ctx.store.read() as work:
         return work.anomalies.latest()
 
 
-def missed_anomalies(ctx: Context, wanted: EventFilter, after: int, limit: int) -> list[EventMessage]:
-    """The messages of stored events after an id, of the locations that are wanted, oldest first.
+def missed_changes(ctx: Context, wanted: EventFilter, after: int, limit: int) -> list[EventMessage]:
+    """The messages of events that changed after a number, of the locations that are wanted, in order of that.
 
-    Raises LocationNotFoundError.
+    Of an event the latest change alone; it is an update where the event is older than that number. What it was joined
+    with is not said. Raises LocationNotFoundError.
     """
-    events = list_events(ctx, EventQuery(location=wanted.location, scope=wanted.scope, after=after, limit=limit))
-    return [anomaly_message(event, ctx.clock()) for event in events]
+    return [
+        anomaly_message(event, ctx.clock(), update=event.id <= after)
+        for event in changed_events(ctx, wanted.location, wanted.scope, after, limit)
+    ]
 
 
 def _data(event: Anomaly) -> dict[str, Any]:
     values = {each.name: getattr(event, each.name) for each in fields(event) if each.name not in HIDDEN}
     parts = event.parts
     shown = None if parts is None else {name: cells.tolist() for name, cells in parts.items()}
+    values |= {"change": event.change or None, "observed": None if event.silent else event.observed}
     return values | {"cells": event.cells.tolist(), "bbox": event.bbox and list(event.bbox), "parts": shown}

@@ -163,7 +163,8 @@ def _events(
 
 def _decisive(location: LocationRecord, measurements: Measurements) -> Measurements:
     """Those that say by themselves what the state of a sample is; for `any` a free one does not."""
-    return measurements if location.combine != ANY else measurements.select(measurements.state == OCCUPIED)
+    says = measurements.state == OCCUPIED if location.combine == ANY else measurements.says()
+    return measurements if says.all() else measurements.select(says)
 
 
 def record_of(ctx: Context, post: Post, measurements: Measurements) -> ObservationRecord:

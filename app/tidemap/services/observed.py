@@ -1,5 +1,9 @@
 """Observed: what was last seen of cells at a time, from what is kept of each, else from history."""
 
+from collections.abc import Hashable
+from dataclasses import dataclass
+from weakref import ref
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,7 +14,7 @@ from tidemap.services.context import Context, KeptEvidence
 from tidemap.services.given import kept_evidence
 from tidemap.services.history import window
 from tidemap.services.readings import LastSeen, last_seen
-from tidemap.services.spectra import Fitted, fitted
+from tidemap.services.spectra import Fitted, fitted, held_fit
 from tidemap.spectral.conditioning import EVIDENCE_BYTES, Evidence
 
 
@@ -25,9 +29,35 @@ def observed_at(ctx: Context, model: Fitted, cells: NDArray[np.int64], time: flo
     kept = _kept(ctx, model, cells, sample)
     if kept is None or not isinstance(kept.evidence, Evidence):
         return last_seen(ctx, model.location, sample, cells)
-    found = _forgotten(ctx, model, kept.evidence)
+    found = _forgotten(kept.evidence, _first_sample(ctx, model))
     rest = np.flatnonzero(np.isin(cells // CHUNK_CELLS, kept.damaged)) if kept.damaged else np.zeros(0, np.int64)
     return _with(found, rest, last_seen(ctx, model.location, sample, cells[rest])) if rest.size else found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapSeen:
+    """What is kept of all cells of a model that were ever observed; what is before sample `first` is forgotten."""
+
+    kept: KeptEvidence
+    evidence: Evidence
+    first: int
+
+    @property
+    def version(self) -> tuple[Hashable, ...]:
+        """Equal where the same was seen."""
+        return ref(self.kept), self.first
+
+    def last_seen(self) -> LastSeen:
+        """The latest measurement of each cell."""
+        return _forgotten(self.evidence, self.first)
+
+
+def map_seen(ctx: Context, model: Fitted, time: float) -> MapSeen | None:
+    """What was last seen of all cells at a time, as `observed_at`; None where not all of that is kept."""
+    kept = _kept(ctx, model, model.loaded.known, int(model.location.base.sample(time)))
+    if kept is None or kept.damaged or not isinstance(kept.evidence, Evidence):
+        return None
+    return MapSeen(kept, kept.evidence, _first_sample(ctx, model))
 
 
 def _kept(ctx: Context, model: Fitted, cells: NDArray[np.int64], sample: int) -> KeptEvidence | None:
@@ -39,13 +69,19 @@ def _kept(ctx: Context, model: Fitted, cells: NDArray[np.int64], sample: int) ->
     if not ctx.caches.evidence.takes(EVIDENCE_BYTES * len(cells)):
         return None
     # The location as it was when the question began: what came in since is for the next one.
-    return kept_evidence(ctx, Fitted(model.location, fitted(ctx, model.location.name).loaded), cells)
+    own = held_fit(ctx, model.location) or fitted(ctx, model.location.name).loaded
+    return kept_evidence(ctx, Fitted(model.location, own), cells)
 
 
-def _forgotten(ctx: Context, model: Fitted, kept: Evidence) -> LastSeen:
-    """What is kept as measurements, without those before the first segment that is modelled: a search ends there."""
+def _first_sample(ctx: Context, model: Fitted) -> int:
+    """The first sample of the first segment that is modelled: a search ends there."""
+    return window(ctx, model.location)[0] // SEGMENT_SAMPLES * SEGMENT_SAMPLES
+
+
+def _forgotten(kept: Evidence, first: int) -> LastSeen:
+    """What is kept as measurements, without those before sample `first`."""
     state, sample = kept.state, kept.sample
-    old = sample < window(ctx, model.location)[0] // SEGMENT_SAMPLES * SEGMENT_SAMPLES
+    old = sample < first
     if old.any():
         state, sample = np.where(old, np.uint8(UNOBSERVED), state), np.where(old, NEVER, sample)
     return LastSeen(state, sample, [])

@@ -169,7 +169,7 @@ def _with_events(work: Work, numbers: Mapping[Entry, int]) -> Iterable[tuple[Ent
     )
     for entry, number in numbers.items():
         record, location = entry.record, entry.location
-        changes = store_events(work, location, entry.events)
+        changes = store_events(work, location, entry.events, record.received_at)
         first, last = (record.first_time, record.last_time) if record.measurements else (None, None)
         what = (number, record.measurements, entry.dropped, False, first, last)
         scan = None if entry.scan is None else next(scans)

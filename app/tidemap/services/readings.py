@@ -1,6 +1,7 @@
 """Readings: what was read last of each cell, as it was known at a moment."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,8 @@ from tidemap.history.runs import LatestRuns
 from tidemap.services.context import Context
 from tidemap.services.history import read_backwards, read_times
 from tidemap.storage.records import LocationRecord
+
+ALWAYS = int(np.iinfo(np.int64).max)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,6 +72,29 @@ def _followed(ctx: Context, location: LocationRecord, chunk: int, sample: int, l
         if not open_.size:
             break
     return runs
+
+
+def held_until(
+    ctx: Context, location: LocationRecord, moment: float, cells: NDArray[np.int64], since: NDArray[np.int64]
+) -> NDArray[np.int64] | None:
+    """(n,) the last sample in which what was read of cells, ascending, in the samples `since` (n,) may be held.
+
+    That is the one before their sensor said that it is unavailable, as far as was known at a moment; ALWAYS of others.
+    None where no sensor did. Of damaged chunks nothing is known.
+    """
+    until, sample = np.full(len(cells), ALWAYS), int(location.base.sample(moment))
+    for chunk, rows in by_chunk(location, cells):
+        rows = rows[since[rows] != NEVER]
+        with suppress(CorruptChunkError):
+            for piece in read_backwards(ctx, location, chunk, sample) if rows.size else ():
+                for row in rows.tolist() if piece.ended is not None else ():
+                    ends = piece.ends(int(cells[row]) - chunk * CHUNK_CELLS)
+                    ends = ends[(ends >= since[row]) & (ends <= sample)]
+                    if ends.size:
+                        until[row] = min(until[row], ends[0] - 1)
+                if piece.start <= since[rows].min():
+                    break
+    return until if (until < ALWAYS).any() else None
 
 
 def read_later(ctx: Context, location: LocationRecord, chunk: int, moment: float) -> NDArray[np.bool_] | None:

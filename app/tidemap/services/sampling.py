@@ -25,8 +25,12 @@ class SampledCells:
 
     def thinned(self, n_cells: int) -> "SampledCells":
         """`n_cells` at most of the cells, or up to twice as many, spread evenly."""
-        some = slice(None, None, max(1, len(self.cell) // n_cells))
-        return replace(self, cell=self.cell[some], history=self.history.cells(np.arange(self.history.n_cells)[some]))
+        return self.every(max(1, len(self.cell) // n_cells))
+
+    def every(self, step: int) -> "SampledCells":
+        """The first of every `step` cells."""
+        rows = np.arange(0, self.history.n_cells, step)
+        return replace(self, cell=self.cell[rows], history=self.history.cells(rows))
 
     def seen_in(self, start: int, stop: int) -> NDArray[np.int64]:
         """The samples [start, stop) in which something was seen."""
@@ -61,7 +65,7 @@ def sample_cells(
     return SampledCells(np.concatenate(cells), History.stack(parts), seen)
 
 
-def measured(ctx: Context, location: LocationRecord, sampled: SampledCells) -> History:
+def measured(ctx: Context, location: LocationRecord, sampled: SampledCells, read: Read = read_compacted) -> History:
     """What was measured of sampled cells: without what is held after it."""
     history = sampled.history
     if location.hold_samples is None or not history.n_cells:
@@ -70,7 +74,7 @@ def measured(ctx: Context, location: LocationRecord, sampled: SampledCells) -> H
     chunks = sampled.cell // CHUNK_CELLS
     return History.stack(
         [
-            read_compacted(ctx, as_read, chunk, *window).cells(sampled.cell[chunks == chunk] % CHUNK_CELLS)
+            read(ctx, as_read, chunk, *window).cells(sampled.cell[chunks == chunk] % CHUNK_CELLS)
             for chunk in np.unique(chunks).tolist()
         ]
     )

@@ -86,8 +86,13 @@ def stored(ctx: Context, location: LocationRecord, revision: RevisionRecord) -> 
 
 def held(ctx: Context, location: LocationRecord) -> Spectrum | None:
     """The spectrum of the location's revision where the cache has it: what it costs is one look."""
-    loaded = ctx.caches.spectra.held((location.id, None), location.revision)
+    loaded = held_fit(ctx, location)
     return None if loaded is None else loaded.spectrum
+
+
+def held_fit(ctx: Context, location: LocationRecord) -> Loaded | None:
+    """The same with the revision and what is damaged."""
+    return ctx.caches.spectra.held((location.id, None), location.revision)
 
 
 def current_revision(ctx: Context, name: str, claim: Claim | None = None) -> tuple[LocationRecord, RevisionRecord]:
@@ -96,7 +101,7 @@ def current_revision(ctx: Context, name: str, claim: Claim | None = None) -> tup
         if claim is not None:
             confirm(work, claim)
         location = work.locations.get(name)
-        loaded = ctx.caches.spectra.held((location.id, None), location.revision)
+        loaded = held_fit(ctx, location)
         revision = work.spectra.get(location.id, location.revision) if loaded is None else loaded.revision
     if revision is None:
         raise NoModelError(name)

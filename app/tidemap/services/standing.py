@@ -56,7 +56,9 @@ def judge_standing(ctx: Context, location: LocationRecord, check: Callable[[], N
         log.warning("location %s: what it holds was not judged: %s", location.name, error)
         events = []
     stops = _refuted(ctx, span, check)
-    ctx.store.write(lambda work: _store(work, span, events, stops), lambda changes: publish_events(ctx, changes))
+    ctx.store.write(
+        lambda work: _store(work, span, events, stops, ctx.clock()), lambda changes: publish_events(ctx, changes)
+    )
     return span.more
 
 
@@ -132,21 +134,23 @@ def _shown_until(history: History, bits: NDArray[np.uint8]) -> int:
     return history.start
 
 
-def _store(work: Work, span: _Span, events: list[AnomalyRecord], stops: Mapping[int, float]) -> list[EventChange]:
-    """Store what was found, unless what was judged is out of date: then the next time finds it."""
+def _store(
+    work: Work, span: _Span, events: list[AnomalyRecord], stops: Mapping[int, float], now: float
+) -> list[EventChange]:
+    """Store what was found at a time, unless what was judged is out of date: then the next time finds it."""
     location, base = span.location, span.location.base
     start, stop = float(base.time(span.start)), float(base.time(span.stop))
-    now = work.locations.lock(location.id)
-    if (now.judged_to, now.revision) != (location.judged_to, location.revision):
+    latest = work.locations.lock(location.id)
+    if (latest.judged_to, latest.revision) != (location.judged_to, location.revision):
         return []
     if work.observations.any_since(location, stop):
         return []
     work.locations.judged(location.id, stop)
-    ended = _cut(work, location, (start, stop), stops)
-    changes = store_events(work, location, events)
+    cut = _cut(work, location, (start, stop), stops)
+    changes = store_events(work, latest, events, now)
     known = {id_ for change in changes for id_ in (change.event.id, *change.joined)}
     return [
-        *(EventChange(anomaly_of(location, event), "updated") for event in ended if event.id not in known),
+        *(EventChange(anomaly_of(location, event), "updated") for event in cut if event.id not in known),
         *changes,
     ]
 
@@ -155,10 +159,9 @@ def _cut(
     work: Work, location: LocationRecord, span: tuple[float, float], stops: Mapping[int, float]
 ) -> list[AnomalyRecord]:
     """End the events that go on at the start of a span there, as what follows is judged anew, and others at `stops`."""
-    start, ended = span[0], []
+    start, cut = span[0], []
     for event in work.anomalies.near(location.id, *span):
         stop = start if event.start < start < event.stop else stops.get(event.id, event.stop)
         if event.damage is None and stop < event.stop:
-            ended.append(replace(event, stop=stop))
-    work.anomalies.change(ended)
-    return ended
+            cut.append(replace(event, stop=stop))
+    return work.anomalies.change(cut)

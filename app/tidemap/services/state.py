@@ -1,5 +1,6 @@
 """Questions about the state of a whole map at one time (Eq. 3)."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, fields
 from weakref import ref
 
@@ -7,14 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.errors import InvalidInputError
+from tidemap.formats.table import Column
 from tidemap.history.history import NEVER
+from tidemap.services.beliefs import detector_of
 from tidemap.services.buffer_pool import BufferLease
 from tidemap.services.context import Context
 from tidemap.services.given import Given, Known, known_at
 from tidemap.services.keys import Claim
-from tidemap.services.observed import observed_at
+from tidemap.services.observed import MapSeen, map_seen, observed_at
 from tidemap.services.spectra import Fitted, fitted
-from tidemap.services.state_buffer import StateBuffer
+from tidemap.services.state_buffer import NOTHING, StateBuffer, seen_columns
 from tidemap.space.grid import GridGeometry
 from tidemap.spectral.prediction import known, predict, state, verdict
 from tidemap.storage.records import LocationRecord
@@ -97,9 +100,11 @@ class Asked:
 
     @property
     def conditioned(self) -> bool:
-        """Whether some reading may say something: none does before the first one, or as of an earlier moment."""
+        """Whether the answer may differ from the model's p: no reading says anything before the first one, or as of an
+        earlier moment, but where a sensor errs a state is asked for, and p is about readings."""
         first = self.model.location.first_time
-        return self.query.given == "observations" and first is not None and min(self.query.time, self.as_of) >= first
+        read = first is not None and min(self.query.time, self.as_of) >= first
+        return self.query.given == "observations" and (read or detector_of(self.model) is not None)
 
     def readings_version(self) -> tuple[object, ...] | None:
         """What changes whenever other readings are used, or used otherwise; None where none are.
@@ -113,8 +118,8 @@ class Asked:
         counted = (location.observation_seq, location.deleted, location.first_time)
         return min(self.as_of, self.now, stands), *counted, location.hold_samples, str(location.sensor)
 
-    def facts(self) -> StateFacts:
-        """What the answer says of itself, as far as it does not say what was last seen."""
+    def facts(self, damaged: Collection[int] = ()) -> StateFacts:
+        """What the answer says of itself; damaged: chunks whose readings are, beside those of the model."""
         location, revision = self.model.location, self.model.revision
         return StateFacts(
             location_id=location.id,
@@ -127,7 +132,7 @@ class Asked:
             revision=revision.revision,
             shape=location.cells.shape,
             grid=location.grid,
-            unavailable=self.model.unavailable,
+            unavailable=location.cell_ranges({*self.model.damage, *damaged}),
         )
 
 
@@ -151,14 +156,13 @@ def view_of(ctx: Context, asked: Asked) -> StateView:
     query, model, location = asked.query, asked.model, asked.model.location
     cell, probability = _asked_for(ctx, asked)
     known = _known_at(ctx, asked, cell)
-    if known is not None and query.given == "observations":
+    if known is not None and asked.conditioned:
         probability = known.at(probability, query.time)
     seen = observed_at(ctx, model, cell, query.time) if query.observed else None
-    facts = asked.facts()
-    damaged = {*model.damage, *(() if seen is None else seen.damaged), *(() if known is None else known.damaged)}
+    damaged = (*(() if seen is None else seen.damaged), *(() if known is None else known.damaged))
+    facts = asked.facts(damaged)
     return StateView(
-        **{each.name: getattr(facts, each.name) for each in fields(facts) if each.name != "unavailable"},
-        unavailable=location.cell_ranges(damaged),
+        **{each.name: getattr(facts, each.name) for each in fields(facts)},
         cell=cell,
         probability=probability,
         state=state(probability, asked.confidence),
@@ -176,16 +180,47 @@ def _known_at(ctx: Context, asked: Asked, cells: NDArray[np.int64]) -> Known | N
     return known_at(ctx, asked.model, cells, asked.as_of)
 
 
-def buffer_of(ctx: Context, asked: Asked) -> BufferLease[StateBuffer] | None:
-    """The answer as it is sent in Arrow; None where it is not about a whole map, or may be conditioned."""
-    spectrum, confidence = asked.model.spectrum, asked.confidence
-    query = asked.query
-    if query.bbox is not None or query.observed or query.last_seen or asked.conditioned:
+@dataclass(frozen=True, slots=True, eq=False)
+class BufferedState:
+    """The state of a whole map as it is sent in Arrow."""
+
+    facts: StateFacts
+    lease: BufferLease[StateBuffer]
+
+
+def buffer_of(ctx: Context, asked: Asked) -> BufferedState | None:
+    """The answer as it is sent in Arrow; None where it is not about a whole map, or asks for what is not kept."""
+    query, model = asked.query, asked.model
+    if query.bbox is not None or query.last_seen:
         return None
-    key = (asked.model.location.id, asked.model.revision.recipe, confidence)
-    lease = ctx.caches.buffers.lease(key, ref(asked.model.loaded), lambda: StateBuffer.of(spectrum, confidence))
-    lease.value.write(spectrum, asked.query.time, ctx.settings.update_threads)
-    return lease
+    seen = map_seen(ctx, model, query.time) if query.observed else None
+    if query.observed and seen is None:
+        return None
+    known = _known_at(ctx, asked, model.loaded.known)
+    lease, threads = _leased(ctx, asked, seen), ctx.settings.update_threads
+    if known is None:
+        lease.value.write(model.spectrum, query.time, threads)
+        return BufferedState(asked.facts(), lease)
+    lease.value.write_given(model.spectrum, query.time, known.conditioning(query.time), threads)
+    return BufferedState(asked.facts(known.damaged), lease)
+
+
+def _leased(ctx: Context, asked: Asked, seen: MapSeen | None) -> BufferLease[StateBuffer]:
+    """A buffer whose columns of what was last seen are right, where it is to have them."""
+    model, confidence = asked.model, asked.confidence
+    key = (model.location.id, model.revision.recipe, confidence, seen is None)
+    version = (ref(model.loaded), None if seen is None else seen.version)
+
+    def make() -> StateBuffer:
+        more = NOTHING if seen is None else _seen_columns(model.location, seen)
+        return StateBuffer.of(model.spectrum, confidence, more)
+
+    return ctx.caches.buffers.lease(key, version, make)
+
+
+def _seen_columns(location: LocationRecord, seen: MapSeen) -> dict[str, Column]:
+    found = seen.last_seen()
+    return seen_columns(found.state, _start(location, found.sample))
 
 
 def grid_of(ctx: Context, asked: Asked) -> NDArray[np.float32]:
@@ -196,7 +231,7 @@ def grid_of(ctx: Context, asked: Asked) -> NDArray[np.float32]:
     grid = np.full(spectrum.n_cells, np.nan, np.float32)
     cell, probability = _asked_for(ctx, asked)
     known = _known_at(ctx, asked, cell)
-    grid[cell] = probability if known is None else known.at(probability, asked.query.time)
+    grid[cell] = known.at(probability, asked.query.time) if known is not None and asked.conditioned else probability
     return grid.reshape(shape)
 
 

@@ -16,9 +16,9 @@ from tidemap.services.sampling import SampledCells, measured, sample_cells
 from tidemap.services.selection import SELECTION_CELLS, selected, settled
 from tidemap.services.update_task import ChunkFit, Executor, Plan, UpdateTask, run_task
 from tidemap.spectral.auto.selection import Choice
-from tidemap.spectral.belief import Detector
 from tidemap.spectral.conditioning import Persistence
 from tidemap.spectral.detection import ReadCells, learn_detector
+from tidemap.spectral.detector import Detector
 from tidemap.spectral.evaluation import accuracy
 from tidemap.spectral.model import fit_part
 from tidemap.spectral.persistence import learn_lasting, learn_persistence

@@ -28,8 +28,9 @@ from tidemap.spectral.belief import Beliefs
 from tidemap.spectral.conditioning import UNLEARNED, Evidence
 from tidemap.spectral.detection import ReadCells, learn_detector
 from tidemap.spectral.model import add, reconstruct, update
-from tidemap.spectral.prediction import StateColumns, predict, predict_readings, predict_times, write_waves
+from tidemap.spectral.prediction import predict, predict_readings, predict_times
 from tidemap.spectral.spectrum import Spectrum
+from tidemap.spectral.state_columns import StateColumns, Waves, write_conditioned, write_waves
 from tidemap.storage.blobs import pack_measurements, pack_segment, unpack_measurements, unpack_segment
 
 COMPRESSED = (
@@ -123,6 +124,8 @@ def _fit_and_ask() -> None:
             n = spectrum.n_cells
             answer = StateColumns(np.zeros(n, np.float32), np.zeros(n, np.uint8), np.zeros(n, np.uint8))
             write_waves(spectrum, 0.0, 0.5, spectrum.cell, answer)
+            waves = Waves.of(spectrum, spectrum.cell, 0.0)
+            write_conditioned(waves, answer.probability.copy(), lambda _, p, out: np.copyto(out, p), 0.5, answer)
             predict_times(spectrum, [0.0, 1.0])
             surprising(spectrum, 0.0, np.zeros(1, np.uint32), np.zeros(1, np.uint8), 0.9)
             reconstruct(replace(model, spectrum=spectrum))
@@ -137,6 +140,7 @@ def _believe(history: History, spectrum: Spectrum, base: TimeBase) -> None:
     detector = learn_detector(ReadCells(sequences, p.astype(np.float64)), base.interval_s)
     beliefs = Beliefs.none(history.n_cells, detector).filtered(sequences, p)
     beliefs.condition(np.full((history.n_cells, 1), 0.5, np.float32), np.array([200]))
+    beliefs.traced(sequences, p).ahead(p, sequences.sample, 1, 0)
 
 
 def _read_only(array: NDArray[Any]) -> NDArray[Any]:

@@ -27,7 +27,7 @@ def _in_log(work: Work, location: LocationRecord, cell: Array, sample: Array) ->
     wanted = (cell << STEP_BITS) + sample - start
     for measurements in work.observations.pending_between(location, *ends):
         step = measurements.samples(location.base) - start
-        rows = (step >= 0) & (step < stop - start)
+        rows = (step >= 0) & (step < stop - start) & measurements.says()
         found |= np.isin(wanted, (measurements.cell[rows].astype(np.int64) << STEP_BITS) + step[rows])
     return found
 

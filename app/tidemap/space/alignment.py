@@ -1,7 +1,9 @@
 """Alignment: the pose from which a scan fits known surfaces best.
 
-Point-to-plane ICP (Chen and Medioni, 1992) by small_gicp (Koide, JOSS 2024), coarse to fine. Whatever is flat is lifted
-to three layers, so that its lines are walls and it moves in its plane alone.
+Point-to-plane ICP (Chen and Medioni, 1992) by small_gicp (Koide, JOSS 2024), coarse to fine, and at last without the
+points that are off the surfaces (trimmed ICP, Chetverikov et al., ICPR 2002): a door that stands open before its wall
+would draw the whole scan towards it. Whatever is flat is lifted to three layers, so that its lines are walls and it
+moves in its plane alone.
 """
 
 from dataclasses import dataclass
@@ -15,8 +17,10 @@ from tidemap.space.pose import Array, Pose
 
 COARSE, FINE = 5.0, 2.5
 """How far apart, in lengths of a cell, a point and its surface may be: first, and then."""
+TRIMMED = 0.75
+"""At last, points further than so many lengths of a cell off the plane of their surface are left out."""
 ROUNDS, ITERATIONS = 5, 4
-"""Of each of both: what has not converged by then is lost. small_gicp lets no other thread run meanwhile, 5 to 14
+"""Of each of the three: what has not converged by then is lost. small_gicp lets no other thread run meanwhile, 5 to 14
 ms an iteration; between rounds they do."""
 NEIGHBOURS = 20
 """Cells that the normal of a surface is estimated from."""
@@ -84,13 +88,12 @@ class Surface:
 
     def align(self, source: SourceCloud, shift: Array) -> Alignment:
         """Align from the stated pose, shifted (6,) by x, y, z in metres and a rotation vector in radians."""
-        cloud, tree = self._known
         stated = source.stated
         about = (stated.translation + shift[:3] - self._origin) * _used(self.flat)
-        start = Pose.of_rotation_vector(shift[3:], about).matrix
-        for distance in (COARSE, FINE):
-            result = _aligned(cloud, source.cloud, tree, start, distance * self.spacing_m)
-            start = result.T_target_source
+        start = self._fit(source.cloud, Pose.of_rotation_vector(shift[3:], about).matrix, COARSE).T_target_source
+        start = self._fit(source.cloud, start, FINE).T_target_source
+        result = self._fit(self._trimmed(source.cloud, start), start, FINE)
+        start = result.T_target_source
         rotation, translation = start[:3, :3], start[:3, 3] + self._origin
         if self.flat:
             rotation, translation = _in_plane(rotation), np.array([*translation[:2], stated.translation[2]])
@@ -99,29 +102,36 @@ class Surface:
         weakest = _weakest(result.H, inliers, self.flat)
         return Alignment(pose, bool(result.converged), inliers // _layers(self.flat), weakest)
 
+    def _fit(self, scan: small_gicp.PointCloud, start: Array, distance: float) -> small_gicp.RegistrationResult:
+        """A scan aligned from a start (4, 4), with partners up to so many lengths of a cell away, in rounds until it
+        comes to rest."""
+        cloud, tree = self._known
+        for _ in range(ROUNDS):
+            result = small_gicp.align(
+                cloud,
+                scan,
+                tree,
+                start,
+                registration_type="PLANE_ICP",
+                max_correspondence_distance=distance * self.spacing_m,
+                max_iterations=ITERATIONS,
+            )
+            if result.converged:
+                break
+            start = result.T_target_source
+        return result
 
-def _aligned(
-    surface: small_gicp.PointCloud,
-    source: small_gicp.PointCloud,
-    tree: small_gicp.KdTree,
-    start: Array,
-    distance: float,
-) -> small_gicp.RegistrationResult:
-    """One alignment from a start (4, 4), with partners up to a distance in metres, in rounds until it comes to rest."""
-    for _ in range(ROUNDS):
-        result = small_gicp.align(
-            surface,
-            source,
-            tree,
-            start,
-            registration_type="PLANE_ICP",
-            max_correspondence_distance=distance,
-            max_iterations=ITERATIONS,
-        )
-        if result.converged:
-            break
-        start = result.T_target_source
-    return result
+    def _trimmed(self, scan: small_gicp.PointCloud, at: Array) -> small_gicp.PointCloud:
+        """Those points of a scan, moved by (4, 4), that are near the plane of the surface next to them; all where that
+        leaves too few."""
+        cloud, tree = self._known
+        points = np.asarray(scan.points())
+        moved = points @ at.T
+        nearest = np.asarray(tree.batch_nearest_neighbor_search(moved)[0])
+        apart = moved - np.asarray(cloud.points())[nearest]
+        off = np.abs(np.einsum("ij,ij->i", apart, np.asarray(cloud.normals())[nearest]))
+        near = off <= TRIMMED * self.spacing_m
+        return scan if near.sum() < NEIGHBOURS else small_gicp.PointCloud(np.ascontiguousarray(points[near, :3]))
 
 
 def _used(flat: bool) -> Array:

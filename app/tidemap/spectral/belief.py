@@ -6,8 +6,7 @@ both cases, s₀ = 1 and s₀ = 0, weighted by the belief before. Each case has 
 state has lasted if that is the case (assumed density filtering).
 """
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -17,8 +16,9 @@ from tidemap.history.history import NEVER, UNOBSERVED
 from tidemap.history.jit import kernel
 from tidemap.history.sequences import Sequences
 from tidemap.spectral.conditioning import MIN_PROBABILITY, Standing
-from tidemap.spectral.durations import Durations, log_kept_at
-from tidemap.spectral.sensor import Sensor, weighed
+from tidemap.spectral.detector import Detector
+from tidemap.spectral.durations import log_kept_at
+from tidemap.spectral.sensor import weighed
 
 MAX_LASTED: Final = 1e6
 """The most that r / (1 - r) may be: no state is certain to have lasted."""
@@ -27,31 +27,6 @@ AGE_UNIT: Final = 8
 """Ages are kept in eighths of a sample."""
 MAX_AGE: Final = (2**16 - 1) / AGE_UNIT
 NOT_HELD: Final = Standing()
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Detector:
-    """A sensor that errs, and how long the states last that it reads.
-
-    readings: how many its rates were learned from, 0 where they were given or are what is believed. reason: where they
-    come from, in words.
-    """
-
-    sensor: Sensor
-    durations: Durations
-    readings: int = 0
-    reason: str = ""
-
-    def as_dict(self) -> dict[str, Any]:
-        """As plain JSON; the logarithms to six digits."""
-        log_kept = self.durations.log_kept.round(6).tolist()
-        return {**asdict(self.sensor), "log_kept": log_kept, "readings": self.readings, "reason": self.reason}
-
-    @classmethod
-    def from_dict(cls, value: Mapping[str, Any]) -> "Detector":
-        """The inverse of `as_dict`. ValueError, TypeError or KeyError where it is none."""
-        sensor = Sensor(value["miss"], value["false_alarm"])
-        return cls(sensor, Durations(np.array(value["log_kept"], np.float64)), value["readings"], value["reason"])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,6 +75,17 @@ class Beliefs:
         age = np.take(self.age, rows, axis=1)
         return Beliefs(self.detector, self.signed[rows], self.sample[rows], self.p[rows], age)
 
+    def part(self, rows: slice) -> "Beliefs":
+        """Those of neighbouring rows, as far as that goes as views."""
+        age = np.ascontiguousarray(self.age[:, rows])
+        return Beliefs(self.detector, self.signed[rows], self.sample[rows], self.p[rows], age)
+
+    def without(self, rows: NDArray[np.int64]) -> "Beliefs":
+        """A copy in which nothing is believed of some rows."""
+        signed = self.signed.copy()
+        signed[rows] = np.nan
+        return Beliefs(self.detector, signed, self.sample, self.p, self.age)
+
     def put(self, rows: NDArray[np.int64], other: "Beliefs") -> None:
         """In place: those of some rows."""
         self.signed[rows], self.sample[rows], self.p[rows] = other.signed, other.sample, other.p
@@ -117,23 +103,48 @@ class Beliefs:
         To filter some readings and then the others gives the same bits as to filter all at once.
         """
         moved = self.rows(np.arange(len(self.sample)))
-        sensor, log_kept = self.detector.sensor, self.detector.durations.log_kept
-        rhythm = sensor.state_probability(p).astype(np.float32)
-        read = (sequences.offset, sequences.sample, sequences.state, rhythm)
-        now = (moved.signed, moved.sample, moved.p, moved.age)
-        _filter(*read, sensor.bounded, log_kept, hold, *now)
+        read = (sequences.offset, sequences.sample, sequences.state, self.unread(p))
+        _filter(*read, *self._constants, hold, moved.signed, moved.sample, moved.p, moved.age)
         return moved
 
+    def traced(self, sequences: Sequences, p: NDArray[np.float32], hold: int = 0) -> "Beliefs":
+        """As `filtered`, but a row for every reading: what is believed of its cell after it."""
+        every = self.rows(sequences.cell)
+        read = (sequences.offset, sequences.sample, sequences.state, self.unread(p))
+        _filter_each(*read, *self._constants, hold, every.signed, every.sample, every.p, every.age)
+        return every
+
     def condition(
-        self, p: NDArray[np.float32], sample: NDArray[np.int64], standing: Standing = NOT_HELD
+        self,
+        p: NDArray[np.float32],
+        sample: NDArray[np.int64],
+        standing: Standing = NOT_HELD,
+        out: NDArray[np.float32] | None = None,
     ) -> NDArray[np.float32]:
-        """p (n, m) of these cells in samples (m,), given the readings of the same sample or earlier ones."""
-        out = np.empty(p.shape, np.float32)
-        sensor, log_kept = self.detector.sensor, self.detector.durations.log_kept
-        rhythm = sensor.state_probability(p).astype(np.float32)
+        """The probability of the state, from p (n, m), that of readings of these cells in samples (m,), given those of
+        the same sample or earlier ones.
+
+        Written to `out` (n, m) where that is given.
+        """
+        out = np.empty(p.shape, np.float32) if out is None else out
         now = (self.signed, self.sample, self.p, self.age)
-        _condition(p, rhythm, sample, (standing.hold, standing.limit), log_kept, *now, out)
+        _condition(self.unread(p), sample, (standing.hold, standing.limit), self._constants[1], *now, out)
         return out
+
+    def ahead(self, p: NDArray[np.float32], sample: NDArray[np.int64], horizon: int, hold: int) -> NDArray[np.float32]:
+        """The same of each row in a sample of its own; p and sample (n,). What is read stands until `horizon` samples
+        before it."""
+        out, now = np.empty(p.shape, np.float32), (self.signed, self.sample, self.p, self.age)
+        _condition_each(self.unread(p), sample, horizon, hold, self._constants[1], *now, out)
+        return out
+
+    def unread(self, p: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The probability of the state where nothing was read, from p, that of readings."""
+        return self.detector.sensor.state_probability(p).astype(np.float32)
+
+    @property
+    def _constants(self) -> tuple[tuple[float, float], NDArray[np.float64]]:
+        return self.detector.sensor.bounded, self.detector.durations.log_kept
 
 
 @kernel
@@ -153,25 +164,61 @@ def _filter(
     """In place: move what is believed of every cell by its readings; what is between them is rounded as it is kept."""
     for cell in range(offset.size - 1):
         for j in range(offset[cell], offset[cell + 1]):
-            if np.isnan(rhythm[j]):
-                continue
-            before, free_age, occupied_age = float(rhythm[j]), 1.0, 1.0
-            if not np.isnan(signed[cell]):
-                until = min(sample[cell] + hold, read[j])
-                now = (abs(signed[cell]), sample[cell], p[cell], age[0, cell], age[1, cell])
-                before, free_age, occupied_age = _ahead(now, until, read[j], rhythm[j], log_kept)
-            before = min(max(before, MIN_BELIEF), 1 - MIN_BELIEF)
-            occupied, free = weighed(before, state[j], rates)
-            belief = np.float32(occupied / (occupied + free))
-            signed[cell] = belief if state[j] else -belief
-            sample[cell], p[cell] = read[j], rhythm[j]
-            age[0, cell] = np.uint16(np.rint(AGE_UNIT * min(free_age, MAX_AGE)))
-            age[1, cell] = np.uint16(np.rint(AGE_UNIT * min(occupied_age, MAX_AGE)))
+            now = (signed[cell], sample[cell], p[cell], age[0, cell], age[1, cell])
+            moved = _moved(now, read[j], state[j], rhythm[j], rates, log_kept, hold)
+            signed[cell], sample[cell], p[cell], age[0, cell], age[1, cell] = moved
+
+
+@kernel
+def _filter_each(
+    offset: NDArray[np.int64],
+    read: NDArray[np.int64],
+    state: NDArray[np.uint8],
+    rhythm: NDArray[np.float32],
+    rates: tuple[float, float],
+    log_kept: NDArray[np.float64],
+    hold: int,
+    signed: NDArray[np.float32],
+    sample: NDArray[np.int64],
+    p: NDArray[np.float32],
+    age: NDArray[np.uint16],
+) -> None:
+    """The same with a row for every reading, which begins as what was believed of its cell before all of them."""
+    for cell in range(offset.size - 1):
+        for j in range(offset[cell], offset[cell + 1]):
+            before = j if j == offset[cell] else j - 1
+            now = (signed[before], sample[before], p[before], age[0, before], age[1, before])
+            moved = _moved(now, read[j], state[j], rhythm[j], rates, log_kept, hold)
+            signed[j], sample[j], p[j], age[0, j], age[1, j] = moved
+
+
+@kernel
+def _moved(
+    now: tuple[float, int, float, int, int],
+    read: int,
+    state: int,
+    rhythm: float,
+    rates: tuple[float, float],
+    log_kept: NDArray[np.float64],
+    hold: int,
+) -> Any:
+    """What is kept of a cell after a reading, from what was kept before it."""
+    if np.isnan(rhythm):
+        return now
+    signed, sample, at_reading, free, occupied = now
+    before, free_age, occupied_age = float(rhythm), 1.0, 1.0
+    if not np.isnan(signed):
+        kept = (abs(signed), sample, at_reading, free, occupied)
+        before, free_age, occupied_age = _ahead(kept, min(sample + hold, read), read, rhythm, log_kept)
+    before = min(max(before, MIN_BELIEF), 1 - MIN_BELIEF)
+    one, zero = weighed(before, state, rates)
+    belief = np.float32(one / (one + zero))
+    ages = np.rint(AGE_UNIT * min(free_age, MAX_AGE)), np.rint(AGE_UNIT * min(occupied_age, MAX_AGE))
+    return belief if state else -belief, read, rhythm, np.uint16(ages[0]), np.uint16(ages[1])
 
 
 @kernel
 def _condition(
-    p: NDArray[np.float32],
     rhythm: NDArray[np.float32],
     asked: NDArray[np.int64],
     standing: tuple[int, int],
@@ -182,17 +229,47 @@ def _condition(
     age: NDArray[np.uint16],
     out: NDArray[np.float32],
 ) -> None:
-    """out (n, m): the mixture of both cases; p (n, m) itself before the reading and without one."""
-    hold, limit = standing
+    """out (n, m): `_state` of every cell in every sample asked for."""
     for cell in range(signed.size):
+        now = (signed[cell], sample[cell], at_reading[cell], age[0, cell], age[1, cell])
         for column in range(asked.size):
-            if np.isnan(signed[cell]) or asked[column] < sample[cell]:
-                out[cell, column] = p[cell, column]
-                continue
-            until = min(max(sample[cell], min(sample[cell] + hold, limit)), asked[column])
-            now = (abs(signed[cell]), sample[cell], at_reading[cell], age[0, cell], age[1, cell])
-            ahead = _ahead(now, until, asked[column], rhythm[cell, column], log_kept)
-            out[cell, column] = np.float32(ahead[0])
+            out[cell, column] = _state(now, asked[column], standing, rhythm[cell, column], log_kept)
+
+
+@kernel
+def _condition_each(
+    rhythm: NDArray[np.float32],
+    asked: NDArray[np.int64],
+    horizon: int,
+    hold: int,
+    log_kept: NDArray[np.float64],
+    signed: NDArray[np.float32],
+    sample: NDArray[np.int64],
+    at_reading: NDArray[np.float32],
+    age: NDArray[np.uint16],
+    out: NDArray[np.float32],
+) -> None:
+    """out (n,): `_state` of every row in the sample asked for of it."""
+    for row in range(signed.size):
+        now = (signed[row], sample[row], at_reading[row], age[0, row], age[1, row])
+        out[row] = _state(now, asked[row], (hold, asked[row] - horizon), rhythm[row], log_kept)
+
+
+@kernel
+def _state(
+    now: tuple[float, int, float, int, int],
+    asked: int,
+    standing: tuple[int, int],
+    rhythm: float,
+    log_kept: NDArray[np.float64],
+) -> Any:
+    """The mixture of both cases; the rhythm itself before the reading and without one."""
+    signed, sample, at_reading, free, occupied = now
+    if np.isnan(signed) or asked < sample:
+        return rhythm
+    hold, limit = standing
+    until = min(max(sample, min(sample + hold, limit)), asked)
+    return np.float32(_ahead((abs(signed), sample, at_reading, free, occupied), until, asked, rhythm, log_kept)[0])
 
 
 @kernel

@@ -22,6 +22,13 @@ MAX_LASTED: Final = MAX_KEPT / (1 - MAX_KEPT)
 """The same of r / (1 - r)."""
 MIN_PROBABILITY: Final = 1e-4
 """The least that the rhythm may believe of a state that was read, and of one that is asked for."""
+BLOCK: Final = 1 << 12
+"""Cells that are conditioned at a time."""
+MAX_SLOTS: Final = 1 << 10
+"""Samples with an age whose persistence is known at a time; a power of two."""
+HASH_FACTORS: Final = (0x9E3779B1, 0x85EBCA77)
+HASH_SHIFT: Final = 20
+"""Factors and a shift under which samples and ages near each other get slots of their own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,12 +126,26 @@ class Evidence:
         """That of some rows, in any order; a copy."""
         return Evidence(self.state[rows], self.sample[rows], self.age[rows], self.q[rows])
 
+    def part(self, rows: slice) -> "Evidence":
+        """That of neighbouring rows, as views."""
+        return Evidence(self.state[rows], self.sample[rows], self.age[rows], self.q[rows])
+
+    def without(self, rows: NDArray[np.int64]) -> "Evidence":
+        """A copy in which some rows say nothing."""
+        state = self.state.copy()
+        state[rows] = UNOBSERVED
+        return Evidence(state, self.sample, self.age, self.q)
+
     def replaced(self, rows: NDArray[np.int64], other: "Evidence") -> "Evidence":
         """A copy with that of `other` in some rows."""
         copy = Evidence(self.state.copy(), self.sample.copy(), self.age.copy(), self.q.copy())
         for mine, new in zip(copy._columns(), other._columns(), strict=True):
             mine[rows] = new
         return copy
+
+    def unread(self, p: NDArray[np.float32]) -> NDArray[np.float32]:
+        """What `condition` says where nothing was read: the model's p itself."""
+        return p
 
     def _columns(self) -> tuple[NDArray[np.generic], ...]:
         return self.state, self.sample, self.age, self.q
@@ -136,15 +157,19 @@ class Evidence:
         interval_s: float,
         persistence: Persistence,
         standing: Standing = Standing(),
+        out: NDArray[np.float32] | None = None,
     ) -> NDArray[np.float32]:
-        """p (n, m) of these cells in samples (m,), given the readings of the same sample or earlier ones."""
-        out = np.empty(p.shape[::-1], np.float32)
+        """p (n, m) of these cells in samples (m,), given the readings of the same sample or earlier ones.
+
+        Written to `out` where that is given: (n, m) in Fortran order.
+        """
+        found = np.empty(p.shape[::-1], np.float32) if out is None else out.T
         learned = (persistence.nu, persistence.tau_s, persistence.alpha, persistence.kappa)
         scale = (interval_s, standing.hold, standing.limit)
         read = (self.state, self.sample, self.age, self.q)
         correction = persistence.correction.value
-        _condition(np.ascontiguousarray(p.T), *read, np.ascontiguousarray(sample), scale, learned, correction, out)
-        return out.T
+        _condition(np.ascontiguousarray(p.T), *read, np.ascontiguousarray(sample), scale, learned, correction, found)
+        return found.T
 
 
 def condition(p: ArrayLike, q: ArrayLike, state: ArrayLike, kept: ArrayLike) -> NDArray[np.float64]:
@@ -179,27 +204,73 @@ def _condition(
     correction: NDArray[np.float64],
     out: NDArray[np.float32],
 ) -> None:
-    """out (m, n): `condition` of p (m, n). Neighbours are often read alike: what is kept of them is computed once."""
-    first = 0
-    while first < state.size:
-        last = first + 1
-        while last < state.size and read[last] == read[first] and age[last] == age[first]:
-            last += 1
-        for row in range(asked.size):
-            if asked[row] < read[first]:
-                out[row, first:last] = p[row, first:last]
-            else:
-                free = _lasted(0, read[first], age[first], asked[row], scale, learned, correction)
-                occupied = _lasted(1, read[first], age[first], asked[row], scale, learned, correction)
-                _condition_alike(p[row], state, q, first, last, free, occupied, out[row])
-        first = last
+    """out (m, n): `condition` of p (m, n); a block of cells at a time, without branches, several at once.
+
+    An index without a sign cannot count from the end: to look for that would take twice as long.
+    """
+    lasted = np.empty(min(BLOCK, state.size), np.float32)
+    n_slots = 1
+    while 2 * n_slots <= min(MAX_SLOTS, state.size):
+        n_slots *= 2
+    slots = (np.empty(n_slots, np.int64), np.empty(n_slots, np.int64), np.empty((n_slots, 2), np.float32))
+    how = (scale, learned, correction)
+    for row in range(asked.size):
+        slots[1][:] = -1
+        for first in range(0, state.size, BLOCK):
+            last = min(first + BLOCK, state.size)
+            _fill_lasted(state[first:last], read[first:last], age[first:last], asked[row], how, slots, lasted)
+            for i in range(np.uint64(first), np.uint64(last)):
+                out[row, i] = _conditioned(p[row, i], state[i], q[i], lasted[i - np.uint64(first)])
+
+
+@kernel
+def _conditioned(p: Any, state: Any, q: Any, lasted: Any) -> Any:
+    """The one formula of `condition`, of one cell in float32; p itself where nothing was read before."""
+    least, most, one = np.float32(MIN_PROBABILITY), np.float32(1 - MIN_PROBABILITY), np.float32(1)
+    bounded = least if p < least else (most if p > most else p)
+    likely = least if q < least else q
+    own = bounded if state == 1 else one - bounded
+    given = own * (likely + lasted) / (likely + own * lasted)
+    known = given if state == 1 else one - given
+    return p if (state == UNOBSERVED) | (lasted < np.float32(0)) else known
+
+
+@kernel
+def _fill_lasted(
+    state: NDArray[np.uint8],
+    read: NDArray[np.int64],
+    age: NDArray[np.uint32],
+    asked: int,
+    how: tuple[tuple[float, int, int], tuple[float, float, float, float], NDArray[np.float64]],
+    slots: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float32]],
+    out: NDArray[np.float32],
+) -> None:
+    """out (n,): `_lasted` of every reading, -1 of those that are later than what is asked for.
+
+    Many are read alike, neighbours above all: slots hold what is known of some samples and ages, of state 0 and 1.
+    """
+    known_read, known_age, known = slots
+    scale, learned, correction = how
+    last_read, last_age, free, occupied = np.int64(0), np.int64(-1), np.float32(-1), np.float32(-1)
+    for i in range(read.size):
+        if read[i] != last_read or age[i] != last_age:
+            last_read, last_age = read[i], np.int64(age[i])
+            slot = ((last_read * HASH_FACTORS[0] + last_age * HASH_FACTORS[1]) >> HASH_SHIFT) & (known_read.size - 1)
+            if known_age[slot] != last_age or known_read[slot] != last_read:
+                known_read[slot], known_age[slot] = last_read, last_age
+                for each in range(2):
+                    later = asked < last_read
+                    lasted = -1.0 if later else _lasted(each, last_read, last_age, asked, scale, learned, correction)
+                    known[slot, each] = lasted
+            free, occupied = known[slot, 0], known[slot, 1]
+        out[i] = occupied if state[i] == 1 else free
 
 
 @kernel
 def _lasted(
     state: Any,
     read: int,
-    age: int,
+    age: Any,
     asked: int,
     scale: tuple[float, int, int],
     learned: tuple[float, float, float, float],
@@ -213,29 +284,3 @@ def _lasted(
     span = tau_s + kappa * lived * interval_s
     kept = nu * (span / (span + apart * interval_s)) ** alpha
     return float(min(MAX_LASTED, kept / (1 - kept) * np.exp(correction_at(correction, state, apart, lived))))
-
-
-@kernel
-def _condition_alike(
-    p: NDArray[np.float32],
-    state: NDArray[np.uint8],
-    q: NDArray[np.float32],
-    first: int,
-    last: int,
-    free: float,
-    occupied: float,
-    out: NDArray[np.float32],
-) -> None:
-    """Cells [first, last), read in the same sample after the same time; without branches, several at once.
-
-    An index without a sign cannot count from the end: to look for that would take twice as long.
-    """
-    least, most = np.float32(MIN_PROBABILITY), np.float32(1 - MIN_PROBABILITY)
-    one, lasted = np.float32(1), (np.float32(free), np.float32(occupied))
-    for i in range(np.uint64(first), np.uint64(last)):
-        bounded = least if p[i] < least else (most if p[i] > most else p[i])
-        likely = least if q[i] < least else q[i]
-        own, much = (bounded, lasted[1]) if state[i] == 1 else (one - bounded, lasted[0])
-        given = own * (likely + much) / (likely + own * much)
-        known = given if state[i] == 1 else one - given
-        out[i] = p[i] if state[i] == UNOBSERVED else known

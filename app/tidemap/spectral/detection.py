@@ -15,8 +15,8 @@ from scipy.special import expit, logit
 
 from tidemap.history.jit import kernel
 from tidemap.history.sequences import Sequences
-from tidemap.spectral.belief import Detector
 from tidemap.spectral.conditioning import MIN_PROBABILITY, UNLEARNED
+from tidemap.spectral.detector import Detector
 from tidemap.spectral.durations import BelievedRuns, Durations
 from tidemap.spectral.sensor import MAX_RATE, Sensor, weighed
 

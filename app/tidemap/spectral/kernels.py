@@ -57,6 +57,14 @@ def values(
 
 
 @kernel
+def verdict_of(p: Any, high: Any, low: Any) -> Any:
+    """State and verdict of a probability: 1 over `high`, else 0 under `low`, else 2. Without branches, for nobody could
+    foresee them."""
+    occupied, free = np.uint8(p > high), np.uint8(p < low)
+    return occupied, occupied + np.uint8(2) * ((occupied | free) ^ np.uint8(1))
+
+
+@kernel
 def write_verdicts(
     at: NDArray[np.int32],
     value: NDArray[np.float32],
@@ -68,17 +76,32 @@ def write_verdicts(
 ) -> None:
     """Write the probabilities `value` (n,), clipped to [0, 1], and what is said from them to places `at` (n,).
 
-    verdict: 1 over `over`, else 0 under `under`, else 2. What is NaN is left out. Without branches, for nobody could
-    foresee them.
+    What is NaN is left out.
     """
     high, low = np.float32(over), np.float32(under)
     for i in range(at.size):
         if value[i] == value[i]:
             p = min(max(value[i], np.float32(0)), np.float32(1))
-            occupied, free = np.uint8(p > high), np.uint8(p < low)
             probability[at[i]] = p
-            state[at[i]] = occupied
-            verdict[at[i]] = occupied + np.uint8(2) * ((occupied | free) ^ np.uint8(1))
+            state[at[i]], verdict[at[i]] = verdict_of(p, high, low)
+
+
+@kernel
+def put_known(at: NDArray[np.int32], value: NDArray[np.float32], out: NDArray[np.float32]) -> None:
+    """out[at] = the probabilities `value` (n,), clipped to [0, 1]; what is NaN is left out."""
+    for i in range(at.size):
+        if value[i] == value[i]:
+            out[at[i]] = min(max(value[i], np.float32(0)), np.float32(1))
+
+
+@kernel
+def write_states(
+    over: float, under: float, probability: NDArray[np.float32], state: NDArray[np.uint8], verdict: NDArray[np.uint8]
+) -> None:
+    """Write what is said from probabilities, (n,) each."""
+    high, low = np.float32(over), np.float32(under)
+    for i in range(probability.size):
+        state[i], verdict[i] = verdict_of(probability[i], high, low)
 
 
 @kernel

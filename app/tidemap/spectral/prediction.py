@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from math import ceil
 from typing import Final
 
 import numpy as np
@@ -20,8 +20,6 @@ UNCERTAIN_VERDICT: Final = 2
 
 TABLE_SIZE = 1 << 20
 """Entries of a table of phasors that are held at a time."""
-BLOCK = 1 << 15
-"""Cells with waves that are answered at a time, so that their values stay in the processor's cache."""
 WORTHWHILE = 1 << 22
 """Coefficients from which on another thread is worth being started: 3 ms of work."""
 
@@ -44,17 +42,8 @@ def predict(spectrum: Spectrum, time: float, cells: ArrayLike | None = None, thr
         def add(part: slice) -> None:
             kernels.add_waves(spectrum.cell[part], spectrum.index[part], spectrum.coefficient[part], phasor, out)
 
-        _share(spectrum, threads, add)
+        share_rows(spectrum.cell.size, spectrum.order, threads, add)
     return probability(spectrum, out)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class StateColumns:
-    """What is said of some cells at one time, to be written: probability (n,) float32, state and verdict (n,) uint8."""
-
-    probability: NDArray[np.float32]
-    state: NDArray[np.uint8]
-    verdict: NDArray[np.uint8]
 
 
 def known(spectrum: Spectrum) -> NDArray[np.int64]:
@@ -62,32 +51,9 @@ def known(spectrum: Spectrum) -> NDArray[np.int64]:
     return np.flatnonzero(~np.isnan(spectrum.mean))
 
 
-def write_waves(
-    spectrum: Spectrum, time: float, confidence: float, at: NDArray[np.int32], out: StateColumns, threads: int = 1
-) -> None:
-    """Write the answer at a time (Unix seconds) of the cells that have waves to their places `at` (n_varying,) int32.
-
-    As `predict`, `state` and `verdict`; of a cell that was never observed nothing is written.
-    """
-    phasor = phasors(spectrum, np.array([time], np.float64))[:, 0].copy()
-
-    def write(part: slice) -> None:
-        for first in range(part.start, part.stop, BLOCK):
-            rows = slice(first, min(first + BLOCK, part.stop))
-            waves = (spectrum.cell[rows], spectrum.index[rows], spectrum.coefficient[rows], phasor)
-            value = np.empty(rows.stop - rows.start, np.float32)
-            kernels.values(spectrum.mean, *waves, value)
-            if spectrum.link == "logit":
-                probability(spectrum, value)
-            kernels.write_verdicts(at[rows], value, confidence, 1 - confidence, out.probability, out.state, out.verdict)
-
-    _share(spectrum, threads, write)
-
-
-def _share(spectrum: Spectrum, threads: int, work: Callable[[slice], None]) -> None:
-    """Rows of waves are shared out among threads; every row goes to one of them."""
-    n_rows = spectrum.cell.size
-    step = max(-(-n_rows // max(1, threads)), -(-WORTHWHILE // max(1, spectrum.order)))
+def share_rows(n_rows: int, cost: float, threads: int, work: Callable[[slice], None]) -> None:
+    """Rows are shared out among threads; every row goes to one of them. cost: of a row, in coefficients."""
+    step = max(-(-n_rows // max(1, threads)), ceil(WORTHWHILE / max(1, cost)))
     parts = [slice(first, min(first + step, n_rows)) for first in range(0, n_rows, step)]
     if len(parts) <= 1:
         for part in parts:

@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.errors import CorruptChunkError
-from tidemap.history.history import History
-from tidemap.history.measurements import Measurements
+from tidemap.history.ends import Ends
+from tidemap.history.history import OCCUPIED, History
+from tidemap.history.measurements import UNAVAILABLE, Measurements
 from tidemap.history.patterns import distinct, fill_unobserved, transpose
 from tidemap.history.segment import SEGMENT_SAMPLES, Segment
 from tidemap.history.snapshot import plane_cells, seen_plane
@@ -23,7 +24,8 @@ LINE = 2
 
 
 def pack_measurements(measurements: Measurements) -> bytes:
-    """Times as runs of equal times, cells as steps from the first of their run, states as bits.
+    """Times as runs of equal times, cells as steps from the first of their run, states as bits, and which are
+    UNAVAILABLE, where some are.
 
     Any order comes back as it was; in order (`Measurements.in_order`) the steps are small and so is the blob. Of a
     snapshot that saw most cells of some part, which they are, in bits.
@@ -32,8 +34,11 @@ def pack_measurements(measurements: Measurements) -> bytes:
     columns: dict[str, NDArray[np.generic]] = {
         "time": measurements.time[heads],
         "first": cell[heads],
-        "state": np.packbits(measurements.state, bitorder="little"),
+        "state": np.packbits(measurements.state == OCCUPIED, bitorder="little"),
     }
+    says = measurements.says()
+    if not says.all():
+        columns["unavailable"] = np.packbits(~says, bitorder="little")
     seen = seen_plane(cell) if len(heads) == 1 else None
     if seen is not None:
         return seal(columns | {"run": np.array([len(cell)], np.uint32), "seen": seen})
@@ -53,6 +58,8 @@ def unpack_measurements(blob: bytes, what: str) -> Measurements:
     run = columns["run"]
     time = _repeated(columns["time"], run)
     state = np.unpackbits(columns["state"], count=len(time), bitorder="little")
+    if "unavailable" in columns:
+        state[np.unpackbits(columns["unavailable"], count=len(time), bitorder="little") > 0] = UNAVAILABLE
     return Measurements(time, _cells(columns, run, what), state)
 
 
@@ -134,6 +141,21 @@ def unpack_scan(blob: bytes, what: str) -> tuple[NDArray[np.float32], Any]:
     return columns["points"], json.loads(columns["header"].item())
 
 
+def pack_heard(interval: NDArray[np.int64]) -> bytes:
+    """The numbers (n,) of intervals in which something was heard, ascending."""
+    first = interval[:1]
+    bits = np.zeros(int(interval[-1] - first[0]) + 1 if len(interval) else 0, np.bool_)
+    bits[interval - first] = True
+    return seal({"first": first, "heard": np.packbits(bits)}, SMALL)
+
+
+def unpack_heard(blob: bytes, what: str) -> NDArray[np.int64]:
+    """The inverse of `pack_heard`. Raises CorruptChunkError."""
+    columns = cast(dict[str, Any], unseal(blob, what, "first", "heard"))
+    found = np.flatnonzero(np.unpackbits(columns["heard"]))
+    return found + columns["first"][0] if len(found) else found
+
+
 def pack_json(value: Any) -> bytes:
     """A value of plain JSON."""
     return seal({"json": np.array(json.dumps(value).encode())}, SMALL)
@@ -167,6 +189,8 @@ def pack_segment(segment: Segment) -> bytes:
         columns["rank"] = narrow(segment.rank)
     if segment.surplus is not None:
         columns["surplus"] = narrow(np.where(segment.surplus < 0, -2 * segment.surplus - 1, 2 * segment.surplus))
+    if segment.ends is not None:
+        columns |= {"end_cell": narrow(segment.ends.cell), "end_time": segment.ends.time}
     # Ranks, which differ from cell to cell, get no smaller by trying harder, and take ten times as long.
     return seal(columns, SMALL if segment.rank is None else QUICK)
 
@@ -183,7 +207,11 @@ def unpack_segment(blob: bytes, number: int, what: str) -> Segment:
     rank, surplus = columns.get("rank"), columns.get("surplus")
     history = History(number * SEGMENT_SAMPLES, SEGMENT_SAMPLES, observed, occupied)
     return Segment(
-        history, time, None if rank is None else rank.astype(np.uint16), None if surplus is None else _signed(surplus)
+        history,
+        time,
+        None if rank is None else rank.astype(np.uint16),
+        None if surplus is None else _signed(surplus),
+        Ends(columns["end_cell"].astype(np.uint32), columns["end_time"]) if "end_cell" in columns else None,
     )
 
 

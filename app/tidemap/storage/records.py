@@ -17,8 +17,8 @@ from tidemap.history.values import ValueKind
 from tidemap.scope import EVERYWHERE, Scope
 from tidemap.space.grid import SINGLE, Extent, GridGeometry
 from tidemap.space.pose import FramedPosition
-from tidemap.spectral.belief import Detector
 from tidemap.spectral.conditioning import UNLEARNED, Persistence
+from tidemap.spectral.detector import Detector
 from tidemap.spectral.recipe import Recipe
 from tidemap.spectral.sensor import Sensor
 from tidemap.storage.blobs import unpack_json
@@ -252,6 +252,8 @@ class AnomalyRecord:
     seen (n,): SEEN_FREE, SEEN_OCCUPIED or both of each cell; None where all were as `observed` says.
     marks: how many surprising measurements `probability` is the mean of.
     part_of: the older event that it was found to be a part of.
+    ended: nothing that is measured from now on continues it. change: the number of its latest change.
+    muted: all of it lies in a time that was muted.
     """
 
     location_id: int
@@ -270,6 +272,11 @@ class AnomalyRecord:
     note: str | None = None
     marks: int = 1
     part_of: int | None = None
+    ended: bool = False
+    change: int = 0
+    muted: bool = False
+    snoozed_by: str | None = None
+    snoozed_until: float | None = None
     seen: NDArray[np.uint8] | None = None
     damage: CorruptChunkError | None = None
 
@@ -298,7 +305,7 @@ class JobRecord:
 
 @dataclass(frozen=True)
 class KeyRecord:
-    """A key; only the hash of its secret is known."""
+    """A key; only the hash of its secret is known. `rotated`: another one was made in its place."""
 
     id: int
     name: str
@@ -309,6 +316,7 @@ class KeyRecord:
     scope: Scope = EVERYWHERE
     expires_at: float | None = None
     last_used_at: float | None = None
+    rotated: bool = False
 
     def expired(self, now: float) -> bool:
         """Whether it opens nothing any more."""
@@ -352,7 +360,10 @@ class WebhookRecord:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeliveryRecord:
-    """An anomaly for a webhook: `state` is waiting (until `next_at`), delivered or failed."""
+    """A change of an anomaly for a webhook: `state` is waiting (until `next_at`), delivered or failed.
+
+    update: of an anomaly that the webhook has had before.
+    """
 
     id: int
     webhook_id: int
@@ -365,6 +376,36 @@ class DeliveryRecord:
     error: str | None
     created_at: float
     finished_at: float | None
+    update: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MuteRecord:
+    """Nobody hears of events of a scope in [start, stop); `weekly` the same of every later week, until `until`."""
+
+    id: int
+    scope: Scope
+    start: float
+    stop: float
+    weekly: bool
+    until: float | None
+    note: str
+    created_by: str
+    created_at: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RhythmRecord:
+    """When a location was heard: `heard` is packed, `last_heard` when last, of observations up to number `through`.
+
+    silence: the event of the silence that goes on.
+    """
+
+    location_id: int
+    through: int
+    heard: bytes
+    last_heard: float | None
+    silence: int | None
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from tidemap.storage.engine import open_reader, open_writer
 from tidemap.storage.gate import Gate
 from tidemap.storage.migrate import check_version, current_version, migrate
 from tidemap.storage.outage import OutageTracker, is_outage
+from tidemap.storage.size import database_bytes
 from tidemap.storage.work import Work
 from tidemap.storage.writer import Item, RunAll, Writer
 
@@ -81,8 +82,14 @@ def usable(url: str) -> Iterator[None]:
     try:
         yield
     except DBAPIError as error:
-        address = make_url(url).render_as_string(hide_password=True)
-        raise DatabaseUnusableError(f"The database {address} cannot be used: {error.orig}") from error
+        raise DatabaseUnusableError(f"The database {shown(url)} cannot be used: {error.orig}") from error
+
+
+def shown(url: str) -> str:
+    """The address of a database as anybody may read it: the password, which may be in its query too, is hidden."""
+    address = make_url(url)
+    hidden = {name: "***" if name == "password" else value for name, value in address.query.items()}
+    return address.set(query=hidden).render_as_string(hide_password=True)
 
 
 class Store:
@@ -108,9 +115,19 @@ class Store:
 
         Short ones are better, and it waits for no write inside: the writer may be waiting for it.
         """
+        with self._snapshot() as connection:
+            yield Work.on(connection)
+
+    def size_bytes(self) -> int:
+        """What the database takes on its disk. Raises StorageUnavailableError."""
+        with self._snapshot() as connection:
+            return database_bytes(connection)
+
+    @contextmanager
+    def _snapshot(self) -> Iterator[Connection]:
         try:
             with self._gate.inside(), self._reader.connect() as connection, connection.begin() as transaction:
-                yield Work.on(connection)
+                yield connection
                 transaction.rollback()
         except DBAPIError as error:
             if not is_outage(error):
@@ -158,6 +175,10 @@ class Store:
     def slow_down(self, rest_s: float) -> None:
         """Let the writer rest so long after every group commit, from now on: posts wait for it."""
         self._writer.rest_s = rest_s
+
+    def on_commit(self, listener: Callable[[float], object]) -> None:
+        """Call `listener`, which only takes note, with the seconds that every group commit takes from now on."""
+        self._writer.on_commit = listener
 
     def outage(self) -> str | None:
         """Why the database cannot be written, as the last write showed; None when it can."""

@@ -13,6 +13,8 @@ from sqlalchemy import (
     String,
     Table,
     Text,
+    false,
+    true,
 )
 
 metadata = MetaData(
@@ -156,6 +158,8 @@ spectrum = Table(
 )
 
 # One row an event, which grows as long as it lasts. One that was found to be a part of an older one stays, and says so.
+# `change` is the number of its latest change, of the same count as the ids: who has heard of all up to a number hears
+# of what has a higher one. Nobody hears of what is `muted`, as all of it lies in a time that was muted, or snoozed.
 anomaly = Table(
     "anomaly",
     metadata,
@@ -176,7 +180,14 @@ anomaly = Table(
     Column("note", Text),
     Column("marks", BigInt, nullable=False, server_default="1"),
     Column("part_of", BigInt),
+    Column("ended", Boolean, nullable=False, server_default=true()),
+    Column("change", BigInt, nullable=False, server_default="0"),
+    Column("muted", Boolean, nullable=False, server_default=false()),
+    Column("snoozed_by", String(128)),
+    Column("snoozed_until", Float(53)),
     Index("ix_anomaly_id", "id", unique=True),
+    Index("ix_anomaly_change", "change"),
+    Index("ix_anomaly_ended", "ended", "stop"),
     Index("ix_anomaly_stop", "location_id", "stop", "start"),
     Index("ix_anomaly_open", "location_id", "acknowledged"),
 )
@@ -210,6 +221,7 @@ api_key = Table(
     Column("locations", Text),
     Column("expires_at", Float(53)),
     Column("last_used_at", Float(53)),
+    Column("rotated", Boolean, nullable=False, server_default=false()),
 )
 
 # Browsers that are signed in, by the hash of their cookie: who reads a copy of this table cannot make the cookie.
@@ -236,7 +248,7 @@ audit = Table(
     Column("detail", Text),
 )
 
-# Who wants to be sent anomalies. `cursor` is the last anomaly with a delivery. The signing secret is not stored: it is
+# Who wants to be sent anomalies. `cursor` is the last change with a delivery. The signing secret is not stored: it is
 # derived from `salt` with a key outside of the database; `fingerprint` is its hash.
 webhook = Table(
     "webhook",
@@ -252,7 +264,8 @@ webhook = Table(
     Column("created_at", Float(53), nullable=False),
 )
 
-# One row an anomaly and webhook: `state` is waiting, delivered or failed.
+# One row a change of an anomaly and webhook: `state` is waiting, delivered or failed. `update`: of an anomaly that the
+# webhook has had before.
 delivery = Table(
     "delivery",
     metadata,
@@ -267,7 +280,45 @@ delivery = Table(
     Column("error", Text),
     Column("created_at", Float(53), nullable=False),
     Column("finished_at", Float(53)),
+    Column("update", Boolean, nullable=False, server_default=false()),
     Index("ix_delivery_due", "webhook_id", "state", "next_at"),
+    Index("ix_delivery_anomaly", "webhook_id", "anomaly_id"),
+)
+
+# When nobody is to hear of the events of some locations: from `start` to `stop`, or every week so until `until`.
+mute = Table(
+    "mute",
+    metadata,
+    Column("id", BigInt, primary_key=True, autoincrement=False),
+    Column("locations", Text),
+    Column("start", Float(53), nullable=False),
+    Column("stop", Float(53), nullable=False),
+    Column("weekly", Boolean, nullable=False),
+    Column("until", Float(53)),
+    Column("note", Text, nullable=False),
+    Column("created_by", String(128), nullable=False),
+    Column("created_at", Float(53), nullable=False),
+)
+
+# In which five minutes something was posted, by the server's clock, of observations up to number `through`; `silence`
+# is the event of the silence that goes on.
+rhythm = Table(
+    "rhythm",
+    metadata,
+    _location_id(),
+    Column("through", BigInt, nullable=False),
+    Column("heard", LargeBinary, nullable=False),
+    Column("last_heard", Float(53)),
+    Column("silence", BigInt),
+)
+
+# Since when some server has listened without a break, and until when that is known: one row.
+listening = Table(
+    "listening",
+    metadata,
+    Column("id", Integer, primary_key=True, autoincrement=False),
+    Column("since", Float(53), nullable=False),
+    Column("until", Float(53), nullable=False),
 )
 
 # Counters whose row lock makes ids grow in commit order, so that a reader's cursor never skips one.

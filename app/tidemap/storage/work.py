@@ -10,7 +10,9 @@ from tidemap.storage.repositories.audit import AuditRepository
 from tidemap.storage.repositories.jobs import JobRepository
 from tidemap.storage.repositories.keys import KeyRepository
 from tidemap.storage.repositories.locations import LocationRepository
+from tidemap.storage.repositories.mutes import MuteRepository
 from tidemap.storage.repositories.observations import ObservationRepository
+from tidemap.storage.repositories.rhythms import RhythmRepository
 from tidemap.storage.repositories.scans import ScanRepository
 from tidemap.storage.repositories.segments import SegmentRepository
 from tidemap.storage.repositories.sources import SourceRepository
@@ -33,6 +35,8 @@ class Work:
     keys: KeyRepository
     audit: AuditRepository
     webhooks: WebhookRepository
+    mutes: MuteRepository
+    rhythms: RhythmRepository
     terms: FencingTokens
 
     @classmethod
@@ -50,5 +54,7 @@ class Work:
             KeyRepository(connection),
             AuditRepository(connection),
             WebhookRepository(connection),
+            MuteRepository(connection),
+            RhythmRepository(connection),
             FencingTokens(connection),
         )

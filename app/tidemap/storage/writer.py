@@ -63,6 +63,8 @@ class Writer:
         self._checkpoints = Checkpoints(engine, gate)
         self.rest_s = 0.0
         """How long it rests after every group: larger groups are what comes of it, and senders that wait."""
+        self.on_commit: Callable[[float], object] = lambda _: None
+        """Called with the seconds that each group took."""
         self._thread = Thread(target=self._loop, name="tidemap-writer", daemon=True)
         self._thread.start()
 
@@ -118,7 +120,9 @@ class Writer:
         while open_:
             group, open_ = self._next_group()
             if group:
+                began = time.perf_counter()
                 self._commit(group)
+                self.on_commit(time.perf_counter() - began)
                 self._care()
 
     def _care(self) -> None:

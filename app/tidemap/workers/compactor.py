@@ -13,8 +13,8 @@ from tidemap.services.context import Context
 from tidemap.services.pruning import prune
 from tidemap.storage.records import LocationRecord
 from tidemap.workers.election import LeaderElection, LeaderTerm
+from tidemap.workers.maintenance import MaintenanceWorker
 from tidemap.workers.retries import Retries
-from tidemap.workers.worker import Worker
 
 log = logging.getLogger(__name__)
 POSTS = EventFilter(kinds=frozenset({"observation"}))
@@ -33,44 +33,32 @@ SLOWEST_S = 0.25
 """How long the writer rests at most after a group of posts."""
 
 
-class Compactor:
+class Compactor(MaintenanceWorker):
     """One thread. The more comes in while it works, the more it compacts at once, and the less work a post is.
 
     Where another process leads it compacts nothing, but it slows posts down while that one is late.
     """
 
     def __init__(self, ctx: Context, election: LeaderElection) -> None:
-        self._ctx = ctx
-        self._election = election
-        self._worker = Worker("compactor", ctx.settings.updater_interval_s, self._round)
+        super().__init__(ctx, election, "compactor", ctx.settings.updater_interval_s, self._round)
         self._retries = Retries(FAILED_S, time.monotonic)
         self._stood: dict[tuple[int, int], float] = {}
         self._waiting = 0
         self._come_in = 0
         self._pruned = -math.inf
         self._unsubscribe: Callable[[], None] = lambda: None
-        election.on_begin(self._worker.wake)
 
     def start(self) -> None:
         """Begin, unless the settings leave histories alone."""
         if self._ctx.settings.updater:
             self._unsubscribe = listen(self._ctx.bus, POSTS, self._listen)
-            self._worker.start()
+        super().start()
 
     def request_stop(self) -> None:
         """Leave the round at hand; nothing of it is stored."""
         self._unsubscribe()
         self._ctx.store.slow_down(0)
-        self._worker.request_stop()
-
-    def stop(self) -> None:
-        """End."""
-        self.request_stop()
-        self._worker.join()
-
-    def alive(self) -> bool:
-        """Whether it is at work, or has none."""
-        return self._worker.alive() or not self._ctx.settings.updater
+        super().request_stop()
 
     def _listen(self, message: EventMessage) -> None:
         self._come_in += message.data["measurements"]

@@ -26,7 +26,7 @@ class Hint:
         """Of a message; an event is read from its row."""
         data = message.data
         if message.kind == "anomaly":
-            data = {name: data[name] for name in ("update", "joined") if name in data}
+            data = {name: data[name] for name in ("update", "joined", "change") if name in data}
         return cls(origin, message.kind, message.location, message.id, message.time, data)
 
     @classmethod

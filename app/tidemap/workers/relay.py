@@ -2,26 +2,26 @@
 
 import logging
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from time import monotonic, sleep
+from typing import Any
 from uuid import uuid4
 
 from sqlalchemy import make_url
 
-from tidemap.errors import AnomalyNotFoundError, BusyError
+from tidemap.errors import BusyError
 from tidemap.events.messages import EventMessage
 from tidemap.events.subscription import EventFilter
-from tidemap.services.anomalies import get_event
 from tidemap.services.context import Context
-from tidemap.services.messages import anomaly_message, latest_anomaly, missed_anomalies
+from tidemap.services.messages import latest_change, missed_changes
 from tidemap.storage.channel import Channel
 from tidemap.workers.hints import Hint
 from tidemap.workers.worker import Worker
 
 log = logging.getLogger(__name__)
 CATCH_UP_S = 2.0
-"""How often to look for new events that came without a hint: their process may have died before it could."""
+"""How often to look for changes of events that came without a hint: their process may have died before it could."""
 LISTEN_S = 0.5
 PAGE = 500
 STOP_S = 3.0
@@ -34,8 +34,9 @@ MAX_UNSENT = 10_000
 class Relay:
     """One thread delivers what this process published and what others say they did; another one listens to them.
 
-    The rows are the truth: new events are read in the order of their ids, which is that of the commits, so every
-    process delivers each of them once and in that order, whatever becomes of its connections. All else are hints.
+    The rows are the truth: changes of events are read in the order of their numbers, which is that of the commits, so
+    every process delivers the latest of each event once and in that order, whatever becomes of its connections. The
+    rest are hints.
     """
 
     def __init__(self, ctx: Context) -> None:
@@ -47,12 +48,13 @@ class Relay:
         self._delivery = Worker("relay", CATCH_UP_S, self._deliver_waiting)
         self._listener = Worker("relay-listener", LISTEN_S, self._listen)
         self._cursor = 0
+        self._news: dict[int, dict[str, Any]] = {}
         self._looked = monotonic()
         self._restore: Callable[[], None] = lambda: None
 
     def start(self) -> None:
         """Begin: what the bus is given from now on goes through here."""
-        self._cursor = latest_anomaly(self._ctx)
+        self._cursor = latest_change(self._ctx)
         self._restore = self._ctx.bus.redirect(self._put)
         self._delivery.start()
         self._listener.start()
@@ -123,53 +125,48 @@ class Relay:
     def _try(self, item: EventMessage | Hint) -> None:
         """Deliver it here, and have others hear of it. Raises BusyError where the database is away."""
         try:
-            if isinstance(item, Hint):
-                self._deliver_hint(item)
+            if item.kind == "anomaly":
+                self._note(item.id, item.data)
+                self._catch_up()
+            elif isinstance(item, Hint):
+                self._ctx.caches.locations.forget()
+                self._ctx.bus.deliver(item.message())
             else:
-                self._deliver_own(item)
+                self._ctx.bus.deliver(item)
+            if isinstance(item, EventMessage):
+                self._unsent.append(Hint.of(self._origin, item).text())
         except BusyError:
             raise
         except Exception:
             log.exception("a message was not delivered: %s", item)
 
-    def _deliver_own(self, message: EventMessage) -> None:
-        if message.kind == "anomaly":
-            self._catch_up_with(message.id)
-        if not message.is_new_anomaly:
-            self._ctx.bus.deliver(message)
-        self._unsent.append(Hint.of(self._origin, message).text())
-
-    def _deliver_hint(self, hint: Hint) -> None:
-        if hint.kind == "anomaly":
-            self._catch_up_with(hint.id)
-            if hint.data.get("update"):
-                with suppress(AnomalyNotFoundError):
-                    self._ctx.bus.deliver(self._updated(hint))
+    def _note(self, event_id: int, data: Mapping[str, Any]) -> None:
+        """Take note of what the rows do not say of a change that is not delivered yet."""
+        if (data.get("change") or 0) <= self._cursor:
             return
-        self._ctx.caches.locations.forget()
-        self._ctx.bus.deliver(hint.message())
-
-    def _updated(self, hint: Hint) -> EventMessage:
-        """The message of an event that another process changed, as the event is now."""
-        message = anomaly_message(get_event(self._ctx, hint.id), hint.time)
-        message.data.update(update=True, joined=hint.data.get("joined") or [])
-        return message
-
-    def _catch_up_with(self, event: int) -> None:
-        """Deliver an event before what became of it, though word of that came first."""
-        if event > self._cursor:
-            self._catch_up()
+        known = self._news.get(event_id, {"update": True, "joined": []})
+        # Once each: where the database is away, this is called again.
+        joined = list(dict.fromkeys([*known["joined"], *(data.get("joined") or [])]))
+        self._news[event_id] = {"update": known["update"] and bool(data.get("update")), "joined": joined}
 
     def _catch_up(self) -> None:
-        """Deliver the new events that are stored and were not delivered yet."""
+        """Deliver the changes of events that are stored and were not delivered yet."""
         page = PAGE
         while page == PAGE:
-            missed = missed_anomalies(self._ctx, EventFilter(), self._cursor, PAGE)
+            missed = missed_changes(self._ctx, EventFilter(), self._cursor, PAGE)
             for message in missed:
-                self._ctx.bus.deliver(message)
-                self._cursor = message.id
+                self._ctx.bus.deliver(self._completed(message))
+                self._cursor = message.position
             page = len(missed)
+        self._news.clear()
         self._looked = monotonic()
+
+    def _completed(self, message: EventMessage) -> EventMessage:
+        """With what was noted. It is an update only where its row says so too: word of the first one may be missing."""
+        news = self._news.pop(message.id, None)
+        if news is not None:
+            message.data.update(joined=news["joined"], update=message.data["update"] and news["update"])
+        return message
 
 
 @contextmanager

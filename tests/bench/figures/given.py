@@ -8,8 +8,9 @@ import numpy as np
 
 from tests.bench.figures.predict import N_CELLS, grid
 from tests.bench.timing import Figure, interleaved
-from tidemap.spectral.belief import Beliefs, Detector
+from tidemap.spectral.belief import Beliefs
 from tidemap.spectral.conditioning import UNLEARNED, Evidence
+from tidemap.spectral.detector import Detector
 from tidemap.spectral.durations import Durations
 from tidemap.spectral.prediction import predict
 from tidemap.spectral.sensor import Sensor

@@ -15,7 +15,7 @@ import numpy as np
 from tests.bench import databases, million
 from tests.bench.timing import Figure, interleaved
 from tests.support.contexts import Clock, opened
-from tidemap.api.encoding import encode_state
+from tidemap.api.encoding import encode_answer
 from tidemap.client import arrow
 from tidemap.client.encoding import snapshot
 from tidemap.formats.registry import Body
@@ -25,7 +25,8 @@ from tidemap.services.given import Given
 from tidemap.services.locations import find_location
 from tidemap.services.observe import observe
 from tidemap.services.posts import Post
-from tidemap.services.state import StateQuery, state_at
+from tidemap.services.state import StateQuery
+from tidemap.services.state import ask as asking
 from tidemap.services.update import UpdateRequest, run_update
 from tidemap.workers.executors import LocalExecutor
 
@@ -70,7 +71,7 @@ def hall(shape: tuple[int, ...]) -> Iterator[Context]:
 
 def ask(ctx: Context, given: Given, observed: bool = False, at: float = NOW) -> None:
     """The whole map, as it is sent."""
-    encode_state(state_at(ctx, million.NAME, StateQuery(at, given=given, observed=observed)), ARROW)
+    encode_answer(ctx, asking(ctx, million.NAME, StateQuery(at, given=given, observed=observed)), ARROW)
 
 
 def posted(ctx: Context, n_cells: int) -> tuple[float, float]:

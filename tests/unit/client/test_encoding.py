@@ -9,7 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tidemap.client import arrow, npy
-from tidemap.client.encoding import PostedColumns, batches, measurements, snapshot
+from tidemap.client.encoding import PostedColumns, batches, measurements, snapshot, snapshots, table
+from tidemap.formats.registry import Body, read
+from tidemap.history.measurements import UNAVAILABLE
+from tidemap.ingest.observation import Target, checked
+from tidemap.media_types import JSON
+from tidemap.space.grid import SINGLE, GridGeometry
 
 
 def joined(parts: list[PostedColumns]) -> tuple[list[float], list[int], list[int]]:
@@ -91,7 +96,7 @@ def test_times_too_coarse_for_a_second_are_refused(time: object) -> None:
         measurements(time, [1])  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("state", [["on"], [None], ["1"]])
+@pytest.mark.parametrize("state", [["on"], ["1"], [None, "1"]])
 def test_a_state_that_is_no_number_is_named(state: list[object]) -> None:
     with pytest.raises(ValueError, match="state is a column of numbers"):
         measurements([0.0], state)
@@ -109,3 +114,22 @@ def test_rows_of_a_table_are_what_the_server_reads(cell: list[int] | None) -> No
     assert table.dtype.names == (("time", "state") if cell is None else ("time", "cell", "state"))
     assert table["time"].tolist() == [1.0, 2.0]
     assert cell is None or table["cell"].tolist() == cell
+
+
+@pytest.mark.parametrize("state", [[1, None, 0], [1.0, np.nan, 0.0], np.array([1, None, False], object)])
+@pytest.mark.parametrize("cell", [None, [2, 1, 0]])
+def test_a_sensor_that_is_unavailable_says_so_in_every_form(
+    state: object, cell: list[int] | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    grid = SINGLE if cell is None else GridGeometry("", (0.0, 0.0, 0.0), 1.0, (3, 1))
+    columns = measurements([0.0, 60.0, 120.0], state, cell)
+    sent = [table(columns)]
+    monkeypatch.setattr(arrow, "pa", None)
+    sent.append(table(columns))
+    if cell is not None:
+        sent.append((JSON, snapshots(columns, np.array([[0, 0], [1, 0], [2, 0]]))))
+    assert len({kind for kind, _ in sent}) == len(sent)
+    for kind, content in sent:
+        found = checked(read(Body(content, kind), grid), Target(grid, -1e9, 1e9))
+        assert (found.time.tolist(), found.state.tolist()) == ([0.0, 60.0, 120.0], [1, UNAVAILABLE, 0])
+        assert found.cell.tolist() == (cell or [0, 0, 0])

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from tidemap.cli_files import DONE, FAILED, _save
+from tidemap.cli_files import _save
+from tidemap.cli_support import DONE, FAILED
 from tidemap.client import MapFile
 
 FILE = MapFile("hall.pcd", b"points", 0.0, 1, "")

@@ -56,7 +56,7 @@ def known(name: str, **changes: object) -> Location:
 
 @pytest.mark.parametrize("name", FORMS)
 def test_our_own_locations_are_recognised_whatever_was_set_since(name: str) -> None:
-    check(known(name, confidence=0.6, order=3, min_cells=7))
+    check(known(name, confidence=0.6, order=3, min_cells=7), FORMS[name])
 
 
 @pytest.mark.parametrize(
@@ -70,4 +70,4 @@ def test_our_own_locations_are_recognised_whatever_was_set_since(name: str) -> N
 )
 def test_other_peoples_locations_are_left_alone(name: str, changes: dict[str, object]) -> None:
     with pytest.raises(NotTheDemoError, match=name):
-        check(known(name, **changes))
+        check(known(name, **changes), FORMS[name])

@@ -174,6 +174,26 @@ def test_what_was_missed_comes_first_page_by_page_and_nothing_twice() -> None:
     assert asked == [(5, REPLAY_PAGE), (5 + REPLAY_PAGE, REPLAY_PAGE), (5 + 2 * REPLAY_PAGE, REPLAY_PAGE)]
 
 
+def test_what_waits_is_taken_at_once_and_in_order() -> None:
+    waited: list[float] = []
+
+    async def scenario(bus: Bus) -> list[int]:
+        async def replay(after: int, limit: int) -> list[EventMessage]:
+            return [message(1), message(2)] if after < 2 else []
+
+        with EventStream(bus, EventFilter(after=0), 100, replay, waited.append) as stream:
+            for number in (2, 3, 4):
+                bus.publish(message(number))
+            first = await read(stream, 1)
+            assert stream.at_hand() == [], "what was missed comes first, one by one"
+            rest = await read(stream, 2)
+            return first + rest + [each.id for each in stream.at_hand()]
+
+    assert played(scenario) == [1, 2, 3, 4]
+    assert len(waited) == 2
+    assert min(waited) >= 0
+
+
 def test_an_anomaly_that_is_known_already_is_not_sent_again() -> None:
     async def scenario(bus: Bus) -> list[int]:
         async def replay(after: int, limit: int) -> list[EventMessage]:
@@ -193,11 +213,11 @@ def test_an_anomaly_that_is_known_is_sent_again_when_it_grows() -> None:
             return []
 
         with EventStream(bus, EventFilter(after=9), 100, replay) as stream:
-            for number, update in ((8, True), (9, False), (9, True), (10, False)):
-                bus.publish(EventMessage("anomaly", "door", number, 0.0, {"update": update}))
+            for number, change in ((8, 9), (8, 10), (9, 11), (12, 12)):
+                bus.publish(EventMessage("anomaly", "door", number, 0.0, {"change": change}))
             return await read(stream, 3)
 
-    assert played(scenario) == [8, 9, 10]
+    assert played(scenario) == [8, 9, 12]
 
 
 def test_a_stream_overflows_even_while_its_reader_waits_for_what_it_missed() -> None:
@@ -233,18 +253,19 @@ def test_a_stream_that_is_closed_hears_no_more() -> None:
 
 
 def test_an_update_of_an_anomaly_that_is_known_is_heard() -> None:
-    """Also of one from before the reader came: it is news, and no point to resume from."""
+    """Also of one from before the reader came: it is news, and a point to resume from."""
 
     async def listen_in() -> list[tuple[int, bool]]:
         bus = Bus()
         with EventStream(bus, EventFilter(after=7), 9, _none_missed) as stream:
-            for number, update in ((7, False), (3, True), (8, False)):
-                bus.publish(EventMessage("anomaly", "lab", number, 0.0, {"update": update}))
+            for number, change in ((7, 7), (3, 8), (9, 9)):
+                data = {"update": change > number, "change": change}
+                bus.publish(EventMessage("anomaly", "lab", number, 0.0, data))
             return [(each.id, each.data["update"]) for each in [await anext(stream), await anext(stream)]]
 
-    assert asyncio.run(listen_in()) == [(3, True), (8, False)]
-    assert block_of(EventMessage("anomaly", "lab", 3, 0.0, {"update": True})).startswith(b"data: ")
-    assert block_of(EventMessage("anomaly", "lab", 8, 0.0, {"update": False})).startswith(b"id: 8\ndata: ")
+    assert asyncio.run(listen_in()) == [(3, True), (9, False)]
+    assert block_of(EventMessage("anomaly", "lab", 3, 0.0, {"change": 8})).startswith(b"id: 8\ndata: ")
+    assert block_of(EventMessage("update", "lab", 3, 0.0)).startswith(b"data: ")
 
 
 async def _none_missed(after: int, limit: int) -> list[EventMessage]:

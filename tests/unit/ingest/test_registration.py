@@ -74,6 +74,24 @@ def test_poses_are_put_right(flat: bool) -> None:
             assert found.map_from_sensor.translation[2] == scan.map_from_sensor.translation[2]
 
 
+@pytest.mark.parametrize("flat", [False, True], ids=["in space", "in the plane"])
+def test_a_door_that_opens_before_a_wall_draws_nothing_to_it(flat: bool) -> None:
+    """Its leaf is near enough to the wall to be taken for it."""
+    hall = Room(np.array([[0.05, 0.05, 0.05], [6.55, 1.35, 2.45]]), np.zeros((0, 2, 3)))
+    changed = Room(hall.walls, np.array([[[0.2, 0.0, 0.0], [1.2, 0.25, 2.0]]]))
+    chance, pose = np.random.default_rng(12), level(2.9, 0.8, 1.1, 0.3)
+    directions = in_plane(720) if flat else around(15_000, chance)
+    before = pose.apply(sweep(hall, pose, directions, chance))
+    found = register(
+        Scan(sweep(changed, pose, directions, chance), pose, STATED, flat=flat),
+        surface(before * (1, 1, 0) if flat else before, RESOLUTION_M, flat),
+    )
+    assert found.verdict == "accepted"
+    shift, rotation = error(found.map_from_sensor, pose)
+    assert shift < 0.005
+    assert rotation < 0.2, "taken for the wall it turns the scan by 0.6 degrees"
+
+
 def test_the_correction_leads_from_the_stated_pose_to_the_one_that_stands() -> None:
     (_, scan), *_ = scans(1, False, seed=6)
     found = register(scan, known(LAB, False))
@@ -123,7 +141,7 @@ def test_an_alignment_in_rounds_comes_to_what_one_does(monkeypatch: pytest.Monke
     monkeypatch.setattr(small_gicp, "align", counted)
     found = [lab.align(source, shift) for shift in shifts]
     assert max(longest) * alignment.ROUNDS == 20
-    assert len(longest) > 2 * len(shifts), "some took a second round"
+    assert len(longest) > 3 * len(shifts), "some took a second round"
     monkeypatch.setattr(alignment, "ROUNDS", 1)
     monkeypatch.setattr(alignment, "ITERATIONS", 20)
     for rounds, one in zip(found, (lab.align(source, shift) for shift in shifts), strict=True):

@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from tests.unit.spectral.real import Things
 from tidemap.history.sequences import Sequences
-from tidemap.spectral.belief import Beliefs, Detector
+from tidemap.spectral.belief import Beliefs
 from tidemap.spectral.detection import ReadCells, learn_detector
+from tidemap.spectral.detector import Detector
 from tidemap.spectral.estimators import fit
 from tidemap.spectral.evaluation import reliability
 from tidemap.spectral.prediction import predict, predict_readings

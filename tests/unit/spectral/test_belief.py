@@ -8,8 +8,9 @@ from hypothesis.extra import numpy as hnp
 
 from tidemap.history.history import NEVER, UNOBSERVED, History
 from tidemap.history.sequences import Sequences
-from tidemap.spectral.belief import MAX_AGE, Beliefs, Detector
+from tidemap.spectral.belief import MAX_AGE, Beliefs
 from tidemap.spectral.conditioning import Standing, condition
+from tidemap.spectral.detector import Detector
 from tidemap.spectral.durations import Durations
 from tidemap.spectral.sensor import Sensor
 
@@ -104,12 +105,34 @@ def test_it_is_always_a_probability(states: np.ndarray, miss: float, false_alarm
     assert ((found >= 0) & (found <= 1)).all()
 
 
-def test_before_the_reading_and_without_one_it_is_the_model() -> None:
-    p = np.array([[0.3, 0.4]], np.float32)
-    np.testing.assert_array_equal(Beliefs.none(1, detector()).condition(p, np.array([5, 6])), p)
-    found = after([2, 2, 1], detector()).condition(p, np.array([1, 2]))
-    assert found[0, 0] == p[0, 0]
-    assert found[0, 1] > p[0, 1]
+def test_before_the_reading_and_without_one_it_is_the_rhythm_of_the_state() -> None:
+    rates, p = detector(), np.array([[0.3, 0.4]], np.float32)
+    rhythm = rates.sensor.state_probability(p).astype(np.float32)
+    np.testing.assert_array_equal(Beliefs.none(1, rates).condition(p, np.array([5, 6])), rhythm)
+    known = after([2, 2, 1], rates)
+    found = known.condition(p, np.array([1, 2]))
+    assert found[0, 0] == rhythm[0, 0]
+    assert found[0, 1] > rhythm[0, 1]
+    np.testing.assert_array_equal(known.without(np.array([0])).condition(p, np.array([1, 2])), rhythm)
+
+
+@given(states=STATES, hold=st.integers(0, 5), ahead=st.integers(0, 20))
+def test_what_is_believed_after_every_reading_is_what_they_say_so_far(
+    states: np.ndarray, hold: int, ahead: int
+) -> None:
+    sequences = Sequences.of(History.from_states(states))
+    p = (0.2 + sequences.sample % 7 / 10).astype(np.float32)
+    nothing = Beliefs.none(3, detector())
+    every = nothing.traced(sequences, p, hold)
+    asked = sequences.sample + ahead
+    found = every.ahead(p, asked, ahead // 2, hold)
+    for j, (cell, sample) in enumerate(zip(sequences.cell.tolist(), sequences.sample.tolist(), strict=True)):
+        so_far = (sequences.cell < cell) | (sequences.sample <= sample)
+        known = nothing.filtered(sequences.select(so_far), p[so_far], hold).rows(np.array([cell]))
+        for mine, expected in zip((every.signed[j], every.age[:, j]), (known.signed[0], known.age[:, 0]), strict=True):
+            np.testing.assert_array_equal(mine, expected)
+        standing = Standing(hold, sample + ahead - ahead // 2)
+        assert found[j] == known.condition(p[[[j]]], asked[[j]], standing)[0, 0]
 
 
 def test_what_is_held_stands() -> None:

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -129,6 +130,28 @@ def test_evidence_of_several_cells_over_several_samples(persistence: Persistence
                 given_it = condition(p[cell, column], np.float32(q), state, kept)
                 expected = p[cell, column] if sample < read else given_it
                 assert found[cell, column] == pytest.approx(float(expected), abs=1e-6)
+
+
+@given(data=st.data(), n=st.integers(1, 40))
+def test_what_is_said_of_a_cell_does_not_depend_on_the_others(data: st.DataObject, n: int) -> None:
+    def column(values: st.SearchStrategy[Any], dtype: str) -> np.ndarray:
+        return np.array(data.draw(st.lists(values, min_size=n, max_size=n)), dtype)
+
+    some = st.integers(-3, 3)
+    evidence = Evidence(
+        column(st.integers(0, 2), "u1"),
+        column(st.one_of(some, st.integers(-(2**40), 2**40)), "i8"),
+        column(st.one_of(some.map(abs), st.integers(0, 2**32 - 1)), "u4"),
+        column(st.floats(0, 1), "f4"),
+    )
+    samples = np.array([0, 2**41])
+    model = np.repeat(column(st.floats(0, 1), "f4")[:, np.newaxis], 2, axis=1)
+    found = evidence.condition(model, samples, 60.0, UNLEARNED, Standing(5, 2))
+    for cell in range(n):
+        alone = evidence.part(slice(cell, cell + 1)).condition(model[[cell]], samples, 60.0, UNLEARNED, Standing(5, 2))
+        np.testing.assert_array_equal(found[[cell]], alone)
+    unread = evidence.without(np.arange(n)).condition(model, samples, 60.0, UNLEARNED)
+    np.testing.assert_array_equal(unread, model)
 
 
 def test_evidence_of_some_rows_is_taken_and_replaced() -> None:

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from tidemap.history.history import UNOBSERVED, History
 from tidemap.history.sequences import Sequences
 from tidemap.history.timebase import TimeBase
-from tidemap.spectral.belief import Detector
 from tidemap.spectral.detection import BELIEVED, MIN_READINGS, ReadCells, learn_detector
+from tidemap.spectral.detector import Detector
 from tidemap.spectral.durations import BelievedRuns, Durations
 from tidemap.spectral.estimators import fit
 from tidemap.spectral.prediction import predict_readings, predict_times

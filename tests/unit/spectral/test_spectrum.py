@@ -13,21 +13,22 @@ from numpy.typing import NDArray
 from tidemap.history.bits import WORD
 from tidemap.history.history import History
 from tidemap.history.timebase import TimeBase
-from tidemap.spectral import prediction, reconstruction
+from tidemap.spectral import prediction, reconstruction, state_columns
 from tidemap.spectral.civil import civil_seconds
+from tidemap.spectral.conditioning import UNLEARNED, Evidence
 from tidemap.spectral.estimators import fit
 from tidemap.spectral.prediction import (
-    StateColumns,
     entropy,
+    known,
     predict,
     predict_slow,
     predict_times,
     probability,
     state,
     verdict,
-    write_waves,
 )
 from tidemap.spectral.spectrum import Link, Spectrum, components, concatenate, select, truncate
+from tidemap.spectral.state_columns import StateColumns, Waves, write_conditioned, write_waves
 
 BASE = TimeBase(epoch=1.7e9, interval_s=300.0)
 BOUND = 2e-5
@@ -84,12 +85,39 @@ def test_threads_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     model = spectrum()
     alone = predict(model, 1.7e9), written(model, 1.7e9, 0.8)
     monkeypatch.setattr(prediction, "WORTHWHILE", 1)
-    monkeypatch.setattr(prediction, "BLOCK", 5)
+    monkeypatch.setattr(state_columns, "BLOCK", 5)
     monkeypatch.setattr(prediction, "ThreadPoolExecutor", ManyThreads)
     np.testing.assert_array_equal(predict(model, 1.7e9, threads=3), alone[0])
     for apart, together in zip(written(model, 1.7e9, 0.8, threads=3), alone[1], strict=True):
         np.testing.assert_array_equal(apart, together)
     assert ManyThreads.started == [3, 3]
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_what_is_conditioned_in_parts_is_what_is_conditioned_whole(
+    monkeypatch: pytest.MonkeyPatch, threads: int
+) -> None:
+    monkeypatch.setattr(prediction, "WORTHWHILE", 1)
+    monkeypatch.setattr(state_columns, "CONDITIONED", 7)
+    model, time, confidence = spectrum(), 1.7e9, 0.8
+    cells = known(model)
+    random, n = np.random.default_rng(1), len(cells)
+    sample, age = random.integers(0, 4, n) + 1_699_999_990, random.integers(1, 4, n).astype(np.uint32)
+    evidence = Evidence(random.integers(0, 3, n).astype(np.uint8), sample, age, random.random(n, np.float32))
+    asked = np.array([int(time)])
+
+    def condition(rows: slice, p: NDArray[np.float32], out: NDArray[np.float32]) -> None:
+        evidence.part(rows).condition(p[:, np.newaxis], asked, 1.0, UNLEARNED, out=out[:, np.newaxis])
+
+    at = np.searchsorted(cells, model.cell).astype(np.int32)
+    out = StateColumns(np.zeros(n, np.float32), np.zeros(n, np.uint8), np.zeros(n, np.uint8))
+    standing = probability(model, model.mean[cells])
+    write_conditioned(Waves.of(model, at, time), standing, condition, confidence, out, threads)
+    p = evidence.condition(predict(model, time, cells)[:, np.newaxis], asked, 1.0, UNLEARNED)[:, 0]
+    assert (p != predict(model, time, cells)).any()
+    expected = (p, state(p, confidence), verdict(p, confidence))
+    for mine, plain in zip((out.probability, out.state, out.verdict), expected, strict=True):
+        np.testing.assert_array_equal(mine, plain)
 
 
 class ManyThreads(ThreadPoolExecutor):

@@ -10,7 +10,9 @@ from starlette.requests import HTTPConnection
 
 from tidemap.api.auth import COOKIE, authenticate, counting_wrong_keys, refuse_other_sites
 from tidemap.api.errors import domain_response
-from tidemap.errors import DomainError, ForbiddenError, OutOfScopeError, UnauthorizedError
+from tidemap.api.scopes import check_name
+from tidemap.errors import DomainError, ForbiddenError, UnauthorizedError
+from tidemap.scope import Scope
 from tidemap.services.context import Context
 from tidemap.services.keys import OPEN, SESSION_S, Principal, allows, by_secret, end_session, start_session
 
@@ -25,8 +27,17 @@ def principal(connection: HTTPConnection) -> Principal:
     found = authenticate(connection)
     if not allows(found.role, "operator"):
         raise ForbiddenError("A robot's key is for posting; the pages need an operator's key.")
-    _refuse_limited(found)
     return found
+
+
+def scope_of(connection: HTTPConnection) -> Scope:
+    """Which locations who asks may see. Raises as `principal`."""
+    return principal(connection).scope
+
+
+def check_location(connection: HTTPConnection, name: str) -> None:
+    """Raises OutOfScopeError for a location that who asks may not see, and as `principal`."""
+    check_name(principal(connection), name)
 
 
 def signed_in(request: Request) -> Principal | None:
@@ -88,7 +99,6 @@ def sign_in(ctx: Context, request: Request, secret: str, then: str) -> Response:
         found = by_secret(ctx, secret)
     if not allows(found.role, "operator"):
         raise ForbiddenError("This is a robot's key, which is for posting. Sign in with an operator's key.")
-    _refuse_limited(found)
     answer = RedirectResponse(then, 303, NO_STORE)
     answer.set_cookie(
         COOKIE,
@@ -118,12 +128,6 @@ def local(address: str) -> str:
     ('/locations/lab?cell=3', '/', '/', '/')
     """
     return address if _PAGE.fullmatch(address) and address.isprintable() else "/"
-
-
-def _refuse_limited(found: Principal) -> None:
-    """The pages show all locations. Raises OutOfScopeError."""
-    if found.scope.limited:
-        raise OutOfScopeError("This key is limited to some locations. The pages show all of them; use the API.")
 
 
 def _login(address: str) -> str:

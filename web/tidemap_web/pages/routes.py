@@ -1,6 +1,7 @@
 """The pages for operators: the list of locations, one location, and signing in."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from fastapi import APIRouter, Request, Response
@@ -54,22 +55,17 @@ def router(ctx: Context) -> APIRouter:
     @routes.get("/locations/{name}", response_model=None)
     def location(request: Request, name: str) -> Response:
         """One location."""
-        return _guarded(
-            ctx,
-            request,
-            "location.html",
-            lambda: {**_work(ctx, name), **_location(ctx, name), **_events(ctx, name)},
-        )
+        return _guarded(ctx, request, "location.html", lambda: _whole(ctx, request, name))
 
     @routes.get("/fragments/locations/{name}", response_model=None)
     def facts_fragment(request: Request, name: str) -> Response:
         """A location's facts alone, to refresh them."""
-        return _guarded(ctx, request, "location_facts.html", lambda: _location(ctx, name))
+        return _guarded(ctx, request, "location_facts.html", lambda: _location(ctx, request, name))
 
     @routes.get("/fragments/locations/{name}/work", response_model=None)
     def work_fragment(request: Request, name: str) -> Response:
         """A location's jobs and robots alone, to refresh them."""
-        return _guarded(ctx, request, "location_work.html", lambda: _work(ctx, name))
+        return _guarded(ctx, request, "location_work.html", lambda: _work(ctx, request, name))
 
     @routes.get("/new", response_model=None)
     def new_location(request: Request) -> Response:
@@ -79,12 +75,7 @@ def router(ctx: Context) -> APIRouter:
     @routes.get("/fragments/locations/{name}/anomalies", response_model=None)
     def anomalies_fragment(request: Request, name: str) -> Response:
         """A location's anomalies alone, to refresh them."""
-        return _guarded(
-            ctx,
-            request,
-            "anomalies_table.html",
-            lambda: {"location": locations.find_location(ctx, name), **_events(ctx, name)},
-        )
+        return _guarded(ctx, request, "anomalies_table.html", lambda: _listed_of(ctx, request, name))
 
     _add_session(ctx, routes)
     return routes
@@ -145,7 +136,7 @@ def _guarded(ctx: Context, request: Request, template: str, facts: Callable[[], 
 
 def _locations(ctx: Context, request: Request) -> Facts:
     wanted = LocationList.of(request.query_params)
-    found = overview(ctx, wanted.filter, wanted.offset, PAGE)
+    found = overview(ctx, replace(wanted.filter, scope=guard.scope_of(request)), wanted.offset, PAGE)
     return {
         "wanted": wanted,
         "rows": found.rows,
@@ -164,7 +155,12 @@ def _anomalies(ctx: Context, request: Request) -> Facts:
     wanted = AnomalyList.of(request.query_params)
     start = ctx.clock() - wanted.days * words.DAY_S if wanted.days else None
     query = EventQuery(
-        limit=PAGE + 1, start=start, min_surprise=wanted.surprise, acknowledged=wanted.acknowledged, search=wanted.q
+        limit=PAGE + 1,
+        start=start,
+        min_surprise=wanted.surprise,
+        acknowledged=wanted.acknowledged,
+        search=wanted.q,
+        scope=guard.scope_of(request),
     )
     return {"wanted": wanted, **_listed(newest_events(ctx, query, wanted.before))}
 
@@ -173,17 +169,29 @@ def _listed(found: list[tuple[LocationRecord, Anomaly]]) -> Facts:
     return {"events": found[:PAGE], "more": len(found) > PAGE}
 
 
-def _location(ctx: Context, name: str) -> Facts:
+def _whole(ctx: Context, request: Request, name: str) -> Facts:
+    return {**_work(ctx, request, name), **_location(ctx, request, name), **_events(ctx, request, name)}
+
+
+def _location(ctx: Context, request: Request, name: str) -> Facts:
+    guard.check_location(request, name)
     location = locations.get_location(ctx, name)
     return {"location": location, "cells": location.n_cells, "silent_at": silent_at(location)}
 
 
-def _work(ctx: Context, name: str) -> Facts:
+def _work(ctx: Context, request: Request, name: str) -> Facts:
+    guard.check_location(request, name)
     found = locations.find_location(ctx, name)
     jobs = list_jobs(ctx, None, JOBS, Scope((name,)))
     return {"location": found, "jobs": jobs, "posters": posters(ctx, name)}
 
 
-def _events(ctx: Context, name: str) -> Facts:
+def _listed_of(ctx: Context, request: Request, name: str) -> Facts:
+    events = _events(ctx, request, name)
+    return {"location": locations.find_location(ctx, name), **events}
+
+
+def _events(ctx: Context, request: Request, name: str) -> Facts:
     """The newest events, newest first."""
+    guard.check_location(request, name)
     return _listed(newest_events(ctx, EventQuery(location=name, limit=PAGE + 1)))

@@ -63,8 +63,11 @@ def router(ctx: Context, viewer: ViewerServer) -> APIRouter:
 
     @routes.get("/sessions", response_model=None)
     def sessions(request: Request) -> Response | list[PageMessage]:
-        """What every open tab shows, for tests and operators."""
-        return guard.refuse(request) or viewer.stats()
+        """What every open tab shows, of the locations that who asks may see; for tests and operators."""
+        if refused := guard.refuse(request):
+            return refused
+        scope = guard.scope_of(request)
+        return [each for each in viewer.stats() if each["location"] is None or scope.holds(each["location"])]
 
     @routes.websocket("/control/{token}")
     async def control(socket: WebSocket, token: str) -> None:
@@ -76,7 +79,7 @@ def router(ctx: Context, viewer: ViewerServer) -> APIRouter:
             await socket.send_denial_response(_no_such_tab())
             return
         await socket.accept()
-        await converse(socket, viewer, token)
+        await converse(socket, viewer, token, await run_in_threadpool(guard.scope_of, socket))
 
     @routes.websocket("/scene/{token}")
     async def through(socket: WebSocket, token: str) -> None:

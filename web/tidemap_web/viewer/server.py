@@ -7,6 +7,7 @@ from collections.abc import Callable
 import rich
 import viser
 
+from tidemap.scope import EVERYWHERE, Scope
 from tidemap.services.context import Context
 from tidemap_web.viewer.board import warm
 from tidemap_web.viewer.inner import SHOWN_IN, InnerViser, token_of
@@ -15,7 +16,7 @@ from tidemap_web.viewer.news import Fresh, News
 from tidemap_web.viewer.picking import Ray
 from tidemap_web.viewer.scene import Scene
 from tidemap_web.viewer.session import Session
-from tidemap_web.viewer.source import Services, Source
+from tidemap_web.viewer.source import Services
 
 _log = logging.getLogger(__name__)
 
@@ -23,9 +24,8 @@ _log = logging.getLogger(__name__)
 class ViewerServer:
     """Runs viser and the sessions. Viser itself asks nobody for a key: reach it through `viewer.proxy` only."""
 
-    def __init__(self, ctx: Context, source: Source | None = None) -> None:
+    def __init__(self, ctx: Context) -> None:
         self._ctx = ctx
-        self._source = source or Services(ctx)
         self._sessions: dict[str, Session] = {}
         self._lock = threading.Lock()
         self._viser: InnerViser | None = None
@@ -65,9 +65,9 @@ class ViewerServer:
             self._viser.stop()
             self._viser = None
 
-    def open(self, token: str, publish: Callable[[PageMessage], None]) -> Session:
-        """A session for a tab; one with the same token before it is closed."""
-        session = Session(token, self._source, publish)
+    def open(self, token: str, publish: Callable[[PageMessage], None], scope: Scope = EVERYWHERE) -> Session:
+        """A session for a tab, which sees the locations of a scope; one with the same token before it is closed."""
+        session = Session(token, Services(self._ctx, scope), publish)
         with self._lock:
             before, self._sessions[token] = self._sessions.get(token), session
         if before is not None:

@@ -11,6 +11,7 @@ from websockets.exceptions import ConnectionClosed, WebSocketException
 from websockets.typing import Subprotocol
 
 from tidemap.api.auth import ENDED, until_ended
+from tidemap.scope import Scope
 from tidemap_web.viewer.messages import PageMessage, parse
 from tidemap_web.viewer.server import ViewerServer
 
@@ -42,10 +43,10 @@ class SendQueue:
                 yield self._waiting.pop(next(iter(self._waiting)))
 
 
-async def converse(socket: WebSocket, viewer: ViewerServer, token: str) -> None:
-    """Run a session for as long as its page stays."""
+async def converse(socket: WebSocket, viewer: ViewerServer, token: str, scope: Scope) -> None:
+    """Run a session, which sees the locations of a scope, for as long as its page stays."""
     outbox = SendQueue()
-    session = viewer.open(token, outbox.put)
+    session = viewer.open(token, outbox.put, scope)
 
     async def speak() -> None:
         async for message in outbox.taken():

@@ -4,6 +4,7 @@ from collections.abc import Hashable
 from typing import Protocol
 
 from tidemap.errors import LocationNotFoundError, NoModelError
+from tidemap.scope import EVERYWHERE, Scope
 from tidemap.services import anomalies, films, locations, map_view
 from tidemap.services.anomalies import Anomaly
 from tidemap.services.context import Context, Seen
@@ -48,10 +49,11 @@ class Source(Protocol):
 
 
 class Services:
-    """The source over the services of a running server."""
+    """The source over the services of a running server, for who may see the locations of a scope: others are none."""
 
-    def __init__(self, ctx: Context) -> None:
+    def __init__(self, ctx: Context, scope: Scope = EVERYWHERE) -> None:
         self._ctx = ctx
+        self._scope = scope
 
     def now(self) -> float:
         """Unix seconds."""
@@ -59,10 +61,12 @@ class Services:
 
     def grids(self) -> list[LocationSummary]:
         """All locations that are grids, by name."""
-        return [location for location in locations.list_locations(self._ctx) if location.grid is not None]
+        found = locations.list_locations(self._ctx, scope=self._scope)
+        return [location for location in found if location.grid is not None]
 
     def grid(self, name: str) -> LocationSummary:
         """One grid with what is known of it."""
+        self._check(name)
         location = locations.get_location(self._ctx, name)
         if location.grid is None:
             raise LocationNotFoundError(name)
@@ -70,6 +74,8 @@ class Services:
 
     def is_location(self, name: str) -> bool:
         """Whether there is one."""
+        if not self._scope.holds(name):
+            return False
         try:
             locations.find_location(self._ctx, name)
         except LocationNotFoundError:
@@ -78,6 +84,7 @@ class Services:
 
     def view(self, query: MapQuery, like: MapView | None) -> MapView:
         """The map at a time."""
+        self._check(query.location)
         if like is not None and not like.loaded.revision.revision:
             like = None  # it knows of the cells that had been seen by its own time
         try:
@@ -91,13 +98,20 @@ class Services:
 
     def window(self, query: MapQuery) -> Hashable:
         """The film that it needs."""
+        self._check(query.location)
         location = locations.find_location(self._ctx, query.location)
         return location.id, films.film_key(self._ctx, location, query.time)
 
     def load(self, query: MapQuery, watch: Watch) -> Seen | None:
         """What was last seen then, from the film that it needs."""
+        self._check(query.location)
         return films.make_film(self._ctx, fitted(self._ctx, query.location), query.time, watch)
 
     def events(self, name: str, start: float) -> list[Anomaly]:
         """Anomalies since `start`."""
+        self._check(name)
         return anomalies.list_events(self._ctx, anomalies.EventQuery(location=name, start=start, limit=MARKS))
+
+    def _check(self, name: str) -> None:
+        if not self._scope.holds(name):
+            raise LocationNotFoundError(name)

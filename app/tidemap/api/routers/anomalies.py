@@ -24,18 +24,29 @@ from tidemap.api.long_questions import answered
 from tidemap.api.views.anomalies import confidence_view, detail_view, event_view, listed_view
 from tidemap.formats.json_columns.parts import to_json
 from tidemap.media_types import JSON
-from tidemap.schemas.anomalies import AcknowledgeForm, ConfidenceAnswer, DetectForm, Event, EventDetail, Events, Rule
+from tidemap.schemas.anomalies import (
+    AcknowledgeForm,
+    ConfidenceAnswer,
+    DetectForm,
+    Event,
+    EventDetail,
+    Events,
+    Rule,
+    SnoozeForm,
+)
 from tidemap.schemas.common import Page
 from tidemap.services.anomalies import EventQuery, acknowledge, get_event, list_events
 from tidemap.services.confidence import find_confidence
 from tidemap.services.context import Context
 from tidemap.services.detect import DetectQuery, detect
 from tidemap.services.reasons import reasons
+from tidemap.services.snoozing import snooze
 
 router = APIRouter(tags=["anomalies"], route_class=FormRoute)
 Surprise = Annotated[float | None, Query(ge=0, le=1)]
 PerWeek = Annotated[float, Query(ge=0, le=10_000, description="How many are wanted at most.")]
 Acknowledged = Annotated[bool | None, Query()]
+Muted = Annotated[bool | None, Query(description="Whether all of it lies in a time that was muted. Default: both.")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,10 +64,11 @@ async def event_page(
     stop: TimeQuery = None,
     min_surprise: Surprise = None,
     acknowledged: Acknowledged = None,
+    muted: Muted = None,
 ) -> EventPage:
     """Which events are asked for, of all locations."""
     times = query_time("start", start), query_time("stop", stop)
-    query = EventQuery(None, cursor("after", after), limit + 1, *times, min_surprise, acknowledged)
+    query = EventQuery(None, cursor("after", after), limit + 1, *times, min_surprise, acknowledged, muted=muted)
     return EventPage(query, limit)
 
 
@@ -111,3 +123,9 @@ async def confidence(
 def acknowledge_event(anomaly_id: Id, ctx: Audited, principal: Operator, form: AcknowledgeForm | None = None) -> Event:
     """An operator has seen this event."""
     return event_view(acknowledge(ctx, anomaly_id, principal.name, form.note if form else None))
+
+
+@router.post("/anomalies/{anomaly_id}/snooze")
+def snooze_event(anomaly_id: Id, form: SnoozeForm, ctx: Audited, principal: Operator) -> Event:
+    """Nobody is to hear of this event until a time: it is neither streamed nor sent, and comes back then."""
+    return event_view(snooze(ctx, anomaly_id, principal.name, form.until))

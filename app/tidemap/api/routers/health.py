@@ -11,12 +11,14 @@ from tidemap.services.health import problems
 router = APIRouter(tags=["health"])
 
 
+@router.head("/healthz", include_in_schema=False)
 @router.get("/healthz")
 async def live() -> dict[str, str]:
     """The process answers."""
     return {"status": "ok"}
 
 
+@router.head("/readyz", include_in_schema=False)
 @router.get("/readyz", responses={503: {"description": "`problems` says what is wrong."}})
 def ready(request: Request, ctx: Ctx) -> JSONResponse:
     """The database, its schema and what works in the background are in order."""

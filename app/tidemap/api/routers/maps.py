@@ -12,12 +12,10 @@ from tidemap.api.auth import confirming
 from tidemap.api.bodies import FormRoute
 from tidemap.api.dependencies import Asker, Ctx, Operator, TimeQuery, query_time
 from tidemap.api.encoding import (
-    encode_buffer,
-    encode_grid,
+    encode_answer,
     encode_information,
     encode_prediction,
     encode_series,
-    encode_state,
     preferred,
     with_etag,
 )
@@ -34,7 +32,7 @@ from tidemap.services.information import MAX_BEST, InformationQuery, information
 from tidemap.services.model import model_of
 from tidemap.services.predict import PredictQuery, predict_at
 from tidemap.services.series import SeriesQuery, series
-from tidemap.services.state import Asked, StateFacts, StateQuery, ask, buffer_of, grid_of, view_of
+from tidemap.services.state import Asked, StateQuery, ask
 
 router = APIRouter(prefix="/locations/{name}", tags=["maps"], route_class=FormRoute)
 Order = Annotated[int | None, Query(ge=0, le=64, description="Default: the revision's.")]
@@ -85,20 +83,13 @@ async def state(
 
 def _answer(request: Request, ctx: Context, asked: Asked) -> Response:
     media_type, facts = preferred(request, (JSON, ARROW, NPY)), asked.facts()
-    encode = partial(_encode, ctx, asked, facts, media_type)
+    encode = partial(encode_answer, ctx, asked, media_type)
     if asked.query.observed:
         return encode()
     query, read = replace(asked.query, as_of=None), asked.readings_version()
     model = (facts.location_id, facts.revision, asked.model.revision.recipe, facts.unavailable)
     key = (*model, query, media_type, facts.confidence, read)
     return with_etag(request, key, encode)
-
-
-def _encode(ctx: Context, asked: Asked, facts: StateFacts, media_type: str) -> Response:
-    if media_type == NPY:
-        return encode_grid(facts, grid_of(ctx, asked))
-    lease = buffer_of(ctx, asked) if media_type == ARROW else None
-    return encode_state(view_of(ctx, asked), media_type) if lease is None else encode_buffer(facts, lease)
 
 
 def _box(text: str | None) -> tuple[float, ...] | None:

@@ -1,6 +1,7 @@
 """/locations/{name}/scans"""
 
 import asyncio
+from contextlib import ExitStack
 from functools import partial
 from typing import Annotated, Any
 
@@ -11,6 +12,7 @@ from starlette.concurrency import run_in_threadpool
 from tidemap.api.auth import confirming
 from tidemap.api.bodies import FormRoute, read_body
 from tidemap.api.dependencies import After, Audited, Ctx, Id, Limit, Operator, Robot, cursor
+from tidemap.api.encoding import LeasedResponse
 from tidemap.api.long_questions import Check, answered
 from tidemap.api.routers.observations import IdempotencyKey, Source, name_of
 from tidemap.api.scan_body import read_scan
@@ -115,13 +117,16 @@ def list_all(
 )
 async def points(name: str, scan_id: Id, request: Request, ctx: Ctx, _: Operator) -> Response:
     """The points of a scan in quarantine, (n, 3) float32 in metres in the sensor's frame, as an npy file."""
-    with state_of(request).budget.share() as share:
+    lease = ExitStack()
+    share = lease.enter_context(state_of(request).budget.share())
 
-        def file(_: Check) -> bytes:
-            from_thread.run(share.grow, POINTS_COST * kept_bytes(ctx, name, scan_id))
-            return b"".join(write_grid(points_of(ctx, name, scan_id)))
+    def file(_: Check) -> bytes:
+        from_thread.run(share.grow, POINTS_COST * kept_bytes(ctx, name, scan_id))
+        return b"".join(write_grid(points_of(ctx, name, scan_id)))
 
-        return Response(await answered(request, file), media_type=NPY)
+    with lease:
+        content = await answered(request, file)
+        return LeasedResponse(content, NPY, lease.pop_all())
 
 
 @router.post("/{scan_id}/replay")

@@ -14,7 +14,8 @@ def event_view(event: Anomaly) -> Event:
     named = {name: getattr(event, name) for name in Event.model_fields}
     box = None if event.bbox is None else list(event.bbox)
     shown = {"id": event.id or None, "cells": event.cells.tolist(), "bbox": box, "parts": _parts(event)}
-    return Event(**(named | shown))
+    stored = {"change": event.change or None, "observed": None if event.silent else event.observed}
+    return Event(**(named | shown | stored))
 
 
 def detail_view(event: Anomaly, why: Reasons | None) -> EventDetail:

@@ -20,7 +20,7 @@ from tidemap.schemas.maps import (
 from tidemap.services.evaluate import Comparison, ScoredCandidate
 from tidemap.services.horizons import HorizonScores, ScoredAnswers
 from tidemap.services.model import CellModel
-from tidemap.spectral.belief import Detector
+from tidemap.spectral.detector import Detector
 from tidemap.spectral.evaluation import Reliability
 from tidemap.spectral.spectrum import WEEKEND, Spectrum, components
 

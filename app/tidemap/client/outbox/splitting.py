@@ -76,7 +76,7 @@ def _of_json(content: bytes) -> tuple[Half, Half] | None:
     first, second = (
         (
             json.dumps({"observations": part}, separators=(",", ":")).encode(),
-            sum(len(each["occupied"]) + len(each["free"]) for each in part),
+            sum(len(each.get(name, ())) for each in part for name in ("occupied", "free", "unavailable")),
         )
         for part in (observations[:middle], observations[middle:])
     )

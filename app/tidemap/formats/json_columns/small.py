@@ -8,12 +8,13 @@ import orjson
 from numpy.typing import NDArray
 
 from tidemap.errors import FieldError, InvalidInputError, UnreadableBodyError
-from tidemap.formats.json_columns.values import integers_of, time_of, times_of, whole
-from tidemap.history.columns import Columns, Content, of_table
+from tidemap.formats.json_columns.values import integers_of, states_of, time_of, times_of, whole
+from tidemap.history.columns import STATE_MESSAGE, Columns, Content, of_table
 from tidemap.space.grid import GridGeometry
 
 CELL_MESSAGE = "a cell is its linear index or [i,j,k]"
-STATE_MESSAGE = "a state is 0 (free) or 1 (occupied)"
+NAMES = ("occupied", "free", "unavailable")
+"""What an observation says of cells."""
 
 
 def read(content: Content, grid: GridGeometry) -> Columns:
@@ -80,9 +81,9 @@ def _list(value: object, field: str) -> list[object]:
 def _state(document: dict[str, Any]) -> Columns:
     _check_fields(document, "", {"time", "state"}, {"time", "state"})
     times = times_of(_list(document["time"], "time"), "time")
-    states = integers_of(_list(document["state"], "state"), "state", STATE_MESSAGE)
+    states, unavailable = states_of(_list(document["state"], "state"), "state", STATE_MESSAGE)
     check_lengths(times, states)
-    return of_table(times, None, states)
+    return of_table(times, None, states, unavailable)
 
 
 def check_lengths(times: NDArray[np.float64], states: NDArray[np.int64]) -> None:
@@ -102,9 +103,9 @@ def _grid(document: dict[str, Any], grid: GridGeometry) -> Columns:
         path = f"observations[{i}]"
         if not isinstance(item, dict):
             raise InvalidInputError.at(path, "send an object with time, occupied and free")
-        _check_fields(item, path, {"time"}, {"time", "occupied", "free"})
+        _check_fields(item, path, {"time"}, {"time", *NAMES})
         times.append(time_of(item["time"], f"{path}.time"))
-        for name in ("occupied", "free"):
+        for name in NAMES:
             field = f"{path}.{name}"
             cells = cells_of(_list(item.get(name, []), field), field, grid)
             if len(cells):
@@ -120,6 +121,7 @@ def assemble(times: NDArray[np.float64], parts: list[NDArray[np.int64]], origins
     owner = np.repeat(np.arange(len(parts)), lengths)
     observation = np.array([i for i, _ in origins], np.int64)
     occupied = np.array([name == "occupied" for _, name in origins], np.uint8)
+    unavailable = np.array([name == "unavailable" for _, name in origins], np.bool_)
 
     def cell_field(row: int) -> str:
         part = int(owner[row])
@@ -134,6 +136,7 @@ def assemble(times: NDArray[np.float64], parts: list[NDArray[np.int64]], origins
         cell_field,
         cell_field,
         "observations",
+        unavailable[owner] if unavailable.any() else None,
     )
 
 

@@ -40,6 +40,16 @@ def integers_of(values: list[object], field: str, message: str, first: int = 0) 
     return np.array([whole(value, f"{field}[{i}]", message) for i, value in enumerate(values, first)], np.int64)
 
 
+def states_of(
+    values: list[object], field: str, message: str, first: int = 0
+) -> tuple[NDArray[np.int64], NDArray[np.bool_] | None]:
+    """Whole numbers of a list as `integers_of`, 0 where it has null, and where that is; None where it is nowhere."""
+    if None not in values:
+        return integers_of(values, field, message, first), None
+    missing = np.array([value is None for value in values])
+    return integers_of([0 if value is None else value for value in values], field, message, first), missing
+
+
 def whole(value: object, field: str, message: str) -> int:
     """The value, if it is a whole number. Raises InvalidInputError naming the field."""
     if isinstance(value, bool) or not isinstance(value, int) or not -(2**62) < value < 2**62:

@@ -12,7 +12,7 @@ import numpy as np
 from tidemap.formats.ros_messages import SensorPoints, finite_points, laser_points, occupancy_states, stamp
 from tidemap.formats.rosbag import POSES, SUFFIXES, Bag, BagMessage, BagTopic, unreadable
 from tidemap.importing.options import ImportOptions
-from tidemap.importing.records import Missing, Record, StateReadings, WholeMap
+from tidemap.importing.records import Missing, Record, StateReadings, WholeMap, states
 from tidemap.space.sweep import Sweep
 from tidemap.space.transforms import MissingTransformError, TransformTree
 
@@ -76,7 +76,7 @@ class BagSource:
     def _reading(self, message: BagMessage) -> StateReadings:
         data = message.content.data
         state = int(data) if isinstance(data, bool | np.bool_) else self.options.state_of(data)
-        return StateReadings(np.array([message.recorded]), np.array([state], np.uint8))
+        return StateReadings(np.array([message.recorded]), states([state]))
 
     def _map(self, message: Any, time: float) -> Record:
         grid, state = occupancy_states(message)

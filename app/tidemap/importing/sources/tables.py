@@ -5,12 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
-
 from tidemap.formats import csv
 from tidemap.importing.files import content_of
 from tidemap.importing.options import ImportOptions
-from tidemap.importing.records import Record, StateReadings
+from tidemap.importing.records import Record, StateReadings, states
 
 SUFFIXES = {".csv", ".tsv"}
 
@@ -28,10 +26,10 @@ class Table:
         """All of them at once. Raises UnreadableBodyError."""
         options = self.options
         columns = csv.read(content_of(self.path), [options.time_column, options.state_column])
-        state = np.array([self._state(*each) for each in enumerate(columns[options.state_column], 1)], np.uint8)
+        state = states([self._state(*each) for each in enumerate(columns[options.state_column], 1)])
         yield StateReadings(csv.times(columns[options.time_column]) + options.start, state)
 
-    def _state(self, row: int, text: str) -> int:
+    def _state(self, row: int, text: str) -> float:
         try:
             return self.options.state_of(text)
         except ValueError as error:

@@ -1,11 +1,12 @@
 """The repository of anomaly events."""
 
+import builtins
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from sqlalchemy import Connection, RowMapping, Select, bindparam, insert, select, update
+from sqlalchemy import Connection, RowMapping, Select, bindparam, delete, func, insert, or_, select, update
 
 from tidemap.errors import AnomalyNotFoundError, CorruptChunkError
 from tidemap.scope import EVERYWHERE, Scope
@@ -17,7 +18,10 @@ from tidemap.storage.tables import anomaly, location
 
 _COLUMNS = tuple(field.name for field in fields(AnomalyRecord) if field.name not in ("seen", "damage"))
 _GROWS = ("start", "stop", "observed", "probability", "surprise", "confidence", "rule", "revision", "marks")
-_KEPT = ("acknowledged_by", "acknowledged_at", "note")
+_KEPT = ("acknowledged_by", "acknowledged_at", "note", "ended", "change", "muted", "snoozed_by", "snoozed_until")
+DELETED_AT_ONCE = 400
+SILENCE = "silence"
+"""The rule of events without cells: a location that usually speaks was silent."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +37,7 @@ class AnomalyFilter:
     acknowledged: bool | None = None
     scope: Scope = EVERYWHERE
     search: str = ""
+    muted: bool | None = None
 
 
 class AnomalyRepository:
@@ -46,7 +51,7 @@ class AnomalyRepository:
         if not records:
             return []
         first = take(self._connection, "anomaly", len(records))
-        numbered = [replace(record, id=first + i) for i, record in enumerate(records)]
+        numbered = [replace(record, id=first + i, change=first + i) for i, record in enumerate(records)]
         self._connection.execute(insert(anomaly), [_row(record) for record in numbered])
         return numbered
 
@@ -62,29 +67,89 @@ class AnomalyRepository:
             query = query.where(anomaly.c.id < before)
         return [_record(row) for row in self._connection.execute(query).mappings()]
 
-    def ids_after(self, after: int, limit: int, scope: Scope) -> Sequence[int]:
-        """The next ids, ascending, of locations in scope."""
-        query = _query(AnomalyFilter(after=after, scope=scope)).with_only_columns(anomaly.c.id)
-        return self._connection.execute(query.order_by(anomaly.c.id).limit(limit)).scalars().all()
+    def changes_after(self, after: int, limit: int, scope: Scope) -> Sequence[tuple[int, int]]:
+        """Numbers of the latest changes of events after one, ascending, and the events' ids; of locations in scope.
+
+        Without what nobody is to hear of.
+        """
+        query = _audible(_query(AnomalyFilter(scope=scope)).where(anomaly.c.change > after))
+        rows = self._connection.execute(
+            query.with_only_columns(anomaly.c.change, anomaly.c.id).order_by(anomaly.c.change).limit(limit)
+        )
+        return [(row.change, row.id) for row in rows]
+
+    def changed(self, after: int, limit: int, location_id: int | None, scope: Scope) -> Sequence[AnomalyRecord]:
+        """The events of such changes, in order of these."""
+        query = _query(AnomalyFilter(location_id, scope=scope)).where(anomaly.c.change > after)
+        rows = self._connection.execute(_audible(query).order_by(anomaly.c.change).limit(limit))
+        return [_record(row) for row in rows.mappings()]
+
+    def change_of(self, anomaly_id: int) -> int | None:
+        """The number of the latest change of an event; None where it is gone or a part of another, or inaudible."""
+        query = _audible(_query(AnomalyFilter()).where(anomaly.c.id == anomaly_id))
+        found = self._connection.execute(query.with_only_columns(anomaly.c.change)).scalar()
+        return None if found is None else int(found)
 
     def latest(self) -> int:
-        """The greatest id, 0 when there is none."""
-        return self._connection.execute(select(anomaly.c.id).order_by(anomaly.c.id.desc()).limit(1)).scalar() or 0
+        """The number of the latest change, 0 when there is none."""
+        return self._connection.execute(select(func.max(anomaly.c.change))).scalar() or 0
+
+    def due_to_end(self, location_id: int, before: float) -> Sequence[AnomalyRecord]:
+        """The events of a location that have not ended and stopped before a time, but silences."""
+        mine = (anomaly.c.location_id == location_id) & anomaly.c.part_of.is_(None) & (anomaly.c.rule != SILENCE)
+        query = select(anomaly).where(mine, anomaly.c.ended.is_(False), anomaly.c.stop < before)
+        return [_record(row) for row in self._connection.execute(query.order_by(anomaly.c.id)).mappings()]
+
+    def lasting(self) -> dict[int, float]:
+        """By id of location when the first of its events stopped that have not ended, silences left out."""
+        mine = anomaly.c.ended.is_(False) & anomaly.c.part_of.is_(None) & (anomaly.c.rule != SILENCE)
+        query = select(anomaly.c.location_id, func.min(anomaly.c.stop)).where(mine).group_by(anomaly.c.location_id)
+        return {row[0]: row[1] for row in self._connection.execute(query)}
+
+    def awake(self, now: float) -> Sequence[AnomalyRecord]:
+        """The events whose snooze is over."""
+        query = select(anomaly).where(anomaly.c.snoozed_until <= now, anomaly.c.part_of.is_(None))
+        return [_record(row) for row in self._connection.execute(query.order_by(anomaly.c.id)).mappings()]
 
     def near(self, location_id: int, start: float, stop: float) -> Sequence[AnomalyRecord]:
-        """The events of a location that touch or overlap [start, stop], which nobody else changes meanwhile."""
+        """The events of a location, but silences, that touch or overlap [start, stop]; nobody else changes them now."""
         bounds = {"location": location_id, "start": start, "stop": stop}
         return [_record(row) for row in self._connection.execute(_NEAR, bounds).mappings()]
 
-    def change(self, records: Sequence[AnomalyRecord]) -> None:
-        """Store what has become of events."""
-        if records:
-            self._connection.execute(_CHANGE, [_changed(record) for record in records])
+    def change(self, records: Sequence[AnomalyRecord]) -> builtins.list[AnomalyRecord]:
+        """Store what has become of events; returns them with the numbers of these changes."""
+        if not records:
+            return []
+        first = take(self._connection, "anomaly", len(records))
+        numbered = [replace(record, change=first + i) for i, record in enumerate(records)]
+        self._connection.execute(_CHANGE, [_changed(record) for record in numbered])
+        return numbered
+
+    def mark(self, records: Sequence[AnomalyRecord]) -> builtins.list[AnomalyRecord]:
+        """As `change`, of what is said of events beside what they show: their cells, which may be damaged, stay."""
+        if not records:
+            return []
+        first = take(self._connection, "anomaly", len(records))
+        numbered = [replace(record, change=first + i) for i, record in enumerate(records)]
+        self._connection.execute(_MARK, [_marked(record) for record in numbered])
+        return numbered
 
     def absorb(self, location_id: int, ids: Sequence[int], into: int) -> None:
         """Have events be part of an older one from now on."""
         mine = (anomaly.c.location_id == location_id) & anomaly.c.id.in_(ids)
         self._connection.execute(update(anomaly).where(mine).values(part_of=into))
+
+    def delete_within(self, location_id: int, start: float, stop: float) -> None:
+        """Delete the events of a location, but silences, in [start, stop), with those that are a part of one."""
+        mine = (anomaly.c.location_id == location_id) & (anomaly.c.rule != SILENCE)
+        within = select(anomaly.c.id).where(mine, anomaly.c.start >= start, anomaly.c.stop <= stop)
+        within = within.where(anomaly.c.part_of.is_(None))
+        gone = self._connection.execute(within).scalars().all()
+        for first in range(0, len(gone), DELETED_AT_ONCE):
+            some = gone[first : first + DELETED_AT_ONCE]
+            self._connection.execute(
+                delete(anomaly).where(mine, or_(anomaly.c.id.in_(some), anomaly.c.part_of.in_(some)))
+            )
 
     def get(self, anomaly_id: int) -> AnomalyRecord:
         """The event, or the older one that it is a part of. Raises AnomalyNotFoundError."""
@@ -99,6 +164,10 @@ class AnomalyRepository:
         known = self._locked(anomaly_id)
         self._connection.execute(update(anomaly).where(anomaly.c.id == known).values(**values))
         return self.get(known)
+
+    def locked(self, anomaly_id: int) -> AnomalyRecord:
+        """As `get`, and nobody else changes it meanwhile. Raises AnomalyNotFoundError."""
+        return self.get(self._locked(anomaly_id))
 
     def _locked(self, anomaly_id: int) -> int:
         """The id of the event, or of the older one that it is a part of, which nobody else changes meanwhile."""
@@ -117,6 +186,7 @@ def _query(wanted: AnomalyFilter) -> Select[Any]:
         (wanted.stop, lambda value: anomaly.c.start < value),
         (wanted.min_surprise, lambda value: anomaly.c.surprise >= value),
         (wanted.acknowledged, lambda value: anomaly.c.acknowledged.is_(value)),
+        (wanted.muted, lambda value: anomaly.c.muted.is_(value)),
     )
     for value, condition in conditions:
         if value is not None:
@@ -130,6 +200,11 @@ def _query(wanted: AnomalyFilter) -> Select[Any]:
     return query
 
 
+def _audible(query: Select[Any]) -> Select[Any]:
+    """Of events those that people hear of."""
+    return query.where(anomaly.c.muted.is_(False), anomaly.c.snoozed_until.is_(None))
+
+
 def _row(record: AnomalyRecord) -> dict[str, Any]:
     return {
         **{name: getattr(record, name) for name in _COLUMNS},
@@ -139,8 +214,12 @@ def _row(record: AnomalyRecord) -> dict[str, Any]:
 
 
 def _changed(record: AnomalyRecord) -> dict[str, Any]:
+    return _marked(record) | {"cells": pack_event(record.cells, record.seen)}
+
+
+def _marked(record: AnomalyRecord) -> dict[str, Any]:
     values = {name: getattr(record, name) for name in (*_GROWS, *_KEPT)}
-    values |= {"cells": pack_event(record.cells, record.seen), "acknowledged": record.acknowledged_by is not None}
+    values |= {"acknowledged": record.acknowledged_by is not None}
     return values | {"its_location": record.location_id, "its_id": record.id}
 
 
@@ -157,13 +236,11 @@ _BY_ID = select(anomaly).where(anomaly.c.id == bindparam("id"))
 _LOCKED = select(anomaly.c.part_of).where(anomaly.c.id == bindparam("id")).with_for_update()
 _NEAR = (
     select(anomaly)
-    .where(anomaly.c.location_id == bindparam("location"), anomaly.c.part_of.is_(None))
+    .where(anomaly.c.location_id == bindparam("location"), anomaly.c.part_of.is_(None), anomaly.c.rule != SILENCE)
     .where(anomaly.c.stop >= bindparam("start"), anomaly.c.start <= bindparam("stop"))
     .order_by(anomaly.c.id)
     .with_for_update()
 )
-_CHANGE = (
-    update(anomaly)
-    .where(anomaly.c.location_id == bindparam("its_location"), anomaly.c.id == bindparam("its_id"))
-    .values({name: bindparam(name) for name in (*_GROWS, *_KEPT, "cells", "acknowledged")})
-)
+_ITS = (anomaly.c.location_id == bindparam("its_location"), anomaly.c.id == bindparam("its_id"))
+_MARK = update(anomaly).where(*_ITS).values({name: bindparam(name) for name in (*_GROWS, *_KEPT, "acknowledged")})
+_CHANGE = _MARK.values(cells=bindparam("cells"))

@@ -54,10 +54,10 @@ class KeyRepository:
             raise KeyNotFoundError(key_id)
         return _record(row)
 
-    def end(self, key_id: int, expires_at: float) -> None:
-        """Let a key expire then, or when it did before."""
-        earlier = api_key.c.expires_at.is_(None) | (api_key.c.expires_at > expires_at)
-        self._connection.execute(update(api_key).where(api_key.c.id == key_id, earlier).values(expires_at=expires_at))
+    def rotate(self, key_id: int, expires_at: float) -> None:
+        """Let a key expire then, as another one is made in its place."""
+        values = {"expires_at": expires_at, "rotated": True}
+        self._connection.execute(update(api_key).where(api_key.c.id == key_id).values(**values))
 
     def used(self, key_id: int, at: float) -> None:
         """Note that a key was used."""

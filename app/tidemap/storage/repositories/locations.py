@@ -11,7 +11,7 @@ from tidemap.scope import EVERYWHERE, Scope
 from tidemap.storage.counters import take
 from tidemap.storage.records import LocationRecord
 from tidemap.storage.scoping import inside
-from tidemap.storage.tables import anomaly
+from tidemap.storage.tables import anomaly, revision
 from tidemap.storage.tables import location as location_table
 
 # Built once: every request asks the one, and every reader of history asks the other for every chunk.
@@ -32,6 +32,16 @@ class LocationFilter:
     alarmed: bool = False
     sort: Literal["name", "seen", "anomalies"] = "name"
     descending: bool = False
+    scope: Scope = EVERYWHERE
+
+
+@dataclass(frozen=True, slots=True)
+class LatestTimes:
+    """Unix seconds of a location's latest measurement and of its latest update, None before the first."""
+
+    name: str
+    observed: float | None
+    updated: float | None
 
 
 class LocationRepository:
@@ -73,8 +83,21 @@ class LocationRepository:
         rows = self._connection.execute(select(location_table.c.id, location_table.c.name))
         return {row.id: row.name for row in rows}
 
+    def latest(self, limit: int) -> Sequence[LatestTimes]:
+        """When the oldest locations, at most so many, were last observed and updated."""
+        query = (
+            select(location_table.c.name, location_table.c.last_time, revision.c.updated_at)
+            .outerjoin(
+                revision,
+                (revision.c.location_id == location_table.c.id) & (revision.c.revision == location_table.c.revision),
+            )
+            .order_by(location_table.c.id)
+            .limit(limit)
+        )
+        return [LatestTimes(*row) for row in self._connection.execute(query)]
+
     def open_anomalies(self) -> dict[int, int]:
-        """How many unacknowledged anomalies each location id has; ids without any are left out."""
+        """How many unacknowledged anomalies each location id has, neither muted nor snoozed; without those of none."""
         return {row[0]: row[1] for row in self._connection.execute(select(_OPEN))}
 
     def page(self, wanted: LocationFilter, offset: int, limit: int) -> Sequence[tuple[LocationRecord, int]]:
@@ -143,6 +166,7 @@ class LocationRepository:
 _OPEN = (
     select(anomaly.c.location_id, func.count().label("open"))
     .where(anomaly.c.acknowledged.is_(False), anomaly.c.part_of.is_(None))
+    .where(anomaly.c.muted.is_(False), anomaly.c.snoozed_until.is_(None))
     .group_by(anomaly.c.location_id)
     .subquery()
 )
@@ -151,6 +175,7 @@ _COUNTED = func.coalesce(_OPEN.c.open, 0)
 
 def _matching(wanted: LocationFilter) -> Select[Any]:
     query = select(location_table).outerjoin(_OPEN, _OPEN.c.location_id == location_table.c.id)
+    query = query.where(inside(location_table.c.name, wanted.scope))
     if wanted.search:
         query = query.where(location_table.c.name.icontains(wanted.search, autoescape=True))
     return query.where(_COUNTED > 0) if wanted.alarmed else query

@@ -51,20 +51,21 @@ class SegmentRepository:
         return sorted({(max(row.chunk, -1 - row.chunk), row.segment) for row in rows})
 
     def times(self, location: LocationRecord) -> tuple[float, float] | None:
-        """The first and the last time that something stands on in what can be read; None where nothing does."""
+        """The first and the last time of what was measured and can be read; None without any."""
         numbers = self.numbers(location.id)
         first = next(filter(len, (self._times_at(location, number) for number in numbers)), None)
         last = next(filter(len, (self._times_at(location, number) for number in reversed(numbers))), None)
         return None if first is None or last is None else (float(first.min()), float(last.max()))
 
     def _times_at(self, location: LocationRecord, number: int) -> NDArray[np.float64]:
-        """The first and the last time of every chunk's segment of this number, of those that can be read."""
+        """Times of every chunk's segment of this number that can be read, the first and the last among them."""
         ends = [np.empty(0)]
         query = select(history).where(history.c.location_id == location.id, history.c.segment == number)
         for row in self._connection.execute(query).all():
             with suppress(CorruptChunkError):
-                time = _unpack(location, row).time
-                ends.append(time[[0, -1]] if len(time) else time)
+                segment = _unpack(location, row)
+                ends.append(segment.time[[0, -1]] if len(segment.time) else segment.time)
+                ends.append(np.empty(0) if segment.ends is None else segment.ends.time)
         return np.concatenate(ends)
 
     def put_aside(self, location: LocationRecord, chunk: int, number: int) -> Segment | None:
@@ -106,7 +107,7 @@ class SegmentRepository:
             with suppress(CorruptChunkError):
                 segment = _unpack(location, self._stored(location, (chunk,), border, border)[0])
                 left = forget(segment, before, location.base)
-                self._put(location.id, chunk, border, pack_segment(left) if len(left.time) else b"")
+                self._put(location.id, chunk, border, b"" if left.is_empty else pack_segment(left))
 
     def _asides(self, location: LocationRecord) -> list[SegmentKey]:
         """Where something is put aside: nowhere, unless something is damaged."""

@@ -12,9 +12,12 @@ from tidemap.storage.counters import take
 from tidemap.storage.records import DeliveryRecord, WebhookRecord
 from tidemap.storage.tables import delivery, webhook
 
+KNOWN_AT_ONCE = 500
+"""Ids in one question."""
+
 
 class WebhookRepository:
-    """Webhooks in order of creation, and their deliveries in the order of the anomalies."""
+    """Webhooks in order of creation, and their deliveries in the order of the changes."""
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
@@ -66,14 +69,17 @@ class WebhookRepository:
         self._connection.execute(delete(delivery).where(delivery.c.webhook_id == webhook_id))
         self._connection.execute(delete(webhook).where(webhook.c.id == webhook_id))
 
-    def add_deliveries(self, webhook_id: int, messages: dict[int, str], cursor: int, now: float) -> None:
-        """A delivery of each of these anomalies by id, due now; `cursor` is the last one that was looked at."""
+    def add_deliveries(self, webhook_id: int, messages: dict[int, tuple[str, bool]], cursor: int, now: float) -> None:
+        """Deliveries, due now: by the anomaly's id that of the message, and whether it is an update.
+
+        `cursor` is the last change that was looked at.
+        """
         if messages:
             first = take(self._connection, "delivery", len(messages))
             new = {"webhook_id": webhook_id, "state": "waiting", "attempts": 0, "next_at": now, "created_at": now}
             rows = [
-                {**new, "id": first + i, "anomaly_id": anomaly_id, "message_id": message_id}
-                for i, (anomaly_id, message_id) in enumerate(messages.items())
+                {**new, "id": first + i, "anomaly_id": anomaly_id, "message_id": message_id, "update": is_update}
+                for i, (anomaly_id, (message_id, is_update)) in enumerate(messages.items())
             ]
             self._connection.execute(insert(delivery), rows)
         self._connection.execute(update(webhook).where(webhook.c.id == webhook_id).values(cursor=cursor))
@@ -83,10 +89,31 @@ class WebhookRepository:
         mine = (delivery.c.webhook_id == webhook_id) & (delivery.c.state == "waiting")
         return int(self._connection.execute(select(func.count()).select_from(delivery).where(mine)).scalar_one())
 
+    def untried(self, webhook_id: int) -> builtins.set[int]:
+        """The anomalies whose latest delivery waits and was not tried yet."""
+        mine = (delivery.c.webhook_id == webhook_id) & (delivery.c.state == "waiting") & (delivery.c.attempts == 0)
+        return set(self._connection.execute(select(delivery.c.anomaly_id).where(mine)).scalars())
+
+    def known(self, webhook_id: int, anomalies: Sequence[int]) -> builtins.set[int]:
+        """Those of some anomalies that the webhook has had, or is to have."""
+        found: builtins.set[int] = set()
+        for first in range(0, len(anomalies), KNOWN_AT_ONCE):
+            some = delivery.c.anomaly_id.in_(anomalies[first : first + KNOWN_AT_ONCE])
+            query = select(delivery.c.anomaly_id).where(delivery.c.webhook_id == webhook_id, some)
+            found |= set(self._connection.execute(query).scalars())
+        return found
+
     def due(self, webhook_id: int, now: float, limit: int) -> builtins.list[DeliveryRecord]:
-        """Deliveries to try now, those of older anomalies first."""
+        """Deliveries to try now, those of older changes first; of an anomaly none before an earlier one has its end."""
         mine = (delivery.c.webhook_id == webhook_id) & (delivery.c.state == "waiting") & (delivery.c.next_at <= now)
-        return self._deliveries(select(delivery).where(mine).order_by(delivery.c.id).limit(limit))
+        before = delivery.alias()
+        earlier = (
+            select(before.c.id)
+            .where(before.c.webhook_id == webhook_id, before.c.anomaly_id == delivery.c.anomaly_id)
+            .where(before.c.state == "waiting", before.c.id < delivery.c.id)
+        )
+        query = select(delivery).where(mine, ~earlier.exists()).order_by(delivery.c.id).limit(limit)
+        return self._deliveries(query)
 
     def get_delivery(self, webhook_id: int, delivery_id: int) -> DeliveryRecord:
         """Raises DeliveryNotFoundError."""

@@ -1,0 +1,3 @@
+"""Where the API begins."""
+
+BASE = "/api/v1"
