@@ -48,8 +48,8 @@ class Hint:
         return encoded.decode()
 
     def _is_sound(self) -> bool:
-        known = self.kind in get_args(Kind) and isinstance(self.data, dict)
-        return known and isinstance(self.location, str) and isinstance(self.id, int) and isinstance(self.time, float)
+        known = self.kind in get_args(Kind) and isinstance(self.location, str) and isinstance(self.data, dict)
+        return known and isinstance(self.id, int) and isinstance(self.time, int | float)
 
     def message(self) -> EventMessage:
         """The message, but for what was too long."""
