@@ -1,9 +1,10 @@
 """Updates on a Dask cluster of real processes, and what becomes of them when one of those dies."""
 
+import socket
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from threading import Thread
+from threading import Event, Thread
 
 import pytest
 from sqlalchemy import create_engine, select
@@ -20,7 +21,9 @@ from tidemap.errors import ClusterUnavailableError, NotLeaderError, ShuttingDown
 from tidemap.services.locations import find_location
 from tidemap.services.update import UpdateRequest, run_update
 from tidemap.storage.tables import spectrum
+from tidemap.workers import dask_executor
 from tidemap.workers.dask_executor import DaskExecutor
+from tidemap.workers.dask_worker import serve_cluster
 from tidemap.workers.executors import LocalExecutor
 
 
@@ -146,6 +149,49 @@ def test_a_lost_scheduler_is_found_again(url: str, tmp_path: Path) -> None:
         (tmp_path / "go").touch()
         cluster.start_scheduler()
         assert list(executor.map(negate, [2])) == [-2]
+
+
+def test_a_scheduler_that_is_silent_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dask_executor, "CONNECT_S", 0.5)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        executor = DaskExecutor(f"tcp://127.0.0.1:{silent.getsockname()[1]}")
+        with pytest.raises(ClusterUnavailableError):
+            list(executor.map(negate, [1]))
+        executor.close()
+        with pytest.raises(ShuttingDownError):
+            list(executor.map(negate, [1]))
+
+
+def test_a_scheduler_that_falls_silent_and_has_no_workers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(dask_executor, "ASK_S", 0.2)
+    with running_cluster(tmp_path) as cluster, executing(cluster) as executor:
+        results = executor.map(negate, [1])
+
+        def freeze() -> None:
+            until(lambda: "no `tidemap worker`" in caplog.text)
+            cluster.freeze_scheduler()
+
+        waiting = Thread(target=freeze)
+        waiting.start()
+        with pytest.raises(ClusterUnavailableError):
+            next(iter(results))
+        waiting.join()
+    assert caplog.text.count("no `tidemap worker`") == 1
+    assert caplog.text.count("does not answer") == 1
+
+
+def test_what_keeps_a_worker_from_joining_ends_neither_it_nor_its_search(
+    url: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    stop = Event()
+    with opened(url) as ctx:
+        serving = Thread(target=serve_cluster, args=(ctx, "tcp://127.0.0.1:no-port", stop))
+        serving.start()
+        until(lambda: caplog.text.count("no worker of the Dask cluster") >= 2)
+        stop.set()
+        serving.join()
 
 
 def test_an_update_outlives_a_worker_and_a_leader(cluster: Cluster, server: StartServer, database_url: str) -> None:

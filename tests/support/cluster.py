@@ -1,6 +1,7 @@
 """A Dask cluster of real processes: a scheduler, and workers that `tidemap worker` starts."""
 
 import json
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -43,6 +44,10 @@ class Cluster:
         """End it as a power cut would."""
         self._scheduler.kill()
         self._scheduler.wait()
+
+    def freeze_scheduler(self) -> None:
+        """Have it keep its connections, and be silent."""
+        self._scheduler.send_signal(signal.SIGSTOP)
 
     @property
     def env(self) -> dict[str, str]:

@@ -1,16 +1,18 @@
 """DaskExecutor: the tasks of an update on the workers of a Dask cluster."""
 
+import asyncio
 import logging
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import islice
 from threading import Event, Lock
+from time import monotonic
 from typing import TypeVar
 
-from distributed import Client, Future
+from distributed import Client, Future, Security
 from distributed.client import FutureCancelledError
-from distributed.comm.core import CommClosedError
+from distributed.comm.core import CommClosedError, connect
 
 from tidemap.errors import ClusterUnavailableError, ShuttingDownError
 from tidemap.services.context import Context
@@ -22,6 +24,8 @@ Value = TypeVar("Value")
 CONNECT_S = 5.0
 CHECK_S = 0.25
 """How often to ask, while a task runs, whether it is still to be waited for."""
+ASK_S = 5.0
+"""How often to ask the scheduler then whether it still answers, and has workers."""
 AHEAD = 64
 """Tasks that are with the cluster at once, at least; it gets twice as many as its workers have threads."""
 ALIVE = ("running", "connecting")
@@ -42,6 +46,8 @@ class DaskExecutor:
         self._lock = Lock()
         self._client: Client | None = None
         self._closed = False
+        self._reached = True
+        self._manned = True
 
     def map(self, run: Callable[[Context, Item], Value], items: Iterable[Item]) -> Iterator[Value]:
         """Results in the order of the items.
@@ -54,7 +60,7 @@ class DaskExecutor:
         left = iter(items)
         try:
             with self._reaching() as client:
-                begun.extend(_submit(client, run, item) for item in islice(left, _ahead(client)))
+                begun.extend(_submit(client, run, item) for item in islice(left, self._ahead(client)))
             while begun:
                 yield self._result(begun.popleft())
                 with self._reaching() as client:
@@ -87,12 +93,29 @@ class DaskExecutor:
         raise error
 
     def _wait(self, future: "Future[Value]") -> None:
-        done = Event()
+        done, asked = Event(), monotonic()
         future.add_done_callback(lambda _: done.set())
         while not done.wait(CHECK_S):
             self.check()
             if future.client.status not in ALIVE:
                 raise CommClosedError
+            if monotonic() - asked >= ASK_S:
+                self._threads(future.client)
+                asked = monotonic()
+
+    def _ahead(self, client: Client) -> int:
+        return max(AHEAD, 2 * self._threads(client))
+
+    def _threads(self, client: Client) -> int:
+        """Those of the cluster that run our tasks. Raises TimeoutError where the scheduler does not answer."""
+        if client.scheduler is None:
+            raise CommClosedError
+        known = client.sync(client.scheduler.identity, callback_timeout=CONNECT_S)
+        threads: int = sum(each["nthreads"] for each in known["workers"].values() if RESOURCE in each["resources"])
+        if self._manned and not threads:
+            log.warning("no `tidemap worker` is at the Dask cluster at %s: updates wait for one", self._address)
+        self._manned = threads > 0
+        return threads
 
     @contextmanager
     def _reaching(self) -> Iterator[Client]:
@@ -101,25 +124,48 @@ class DaskExecutor:
             yield self._connected()
         except LOST as error:
             self._disconnect()
-            raise ClusterUnavailableError(self._address) from error
+            self.check()
+            unavailable = ClusterUnavailableError(self._address)
+            if self._reached:
+                log.warning("%s", unavailable)
+            self._reached = False
+            raise unavailable from error
 
     def _connected(self) -> Client:
         with self._lock:
             if self._client is None or self._client.status != "running":
-                self._client = Client(self._address, timeout=CONNECT_S, set_as_default=False, name="tidemap")
+                self.check()
+                _close(self._client)
+                self._client = None
+                self._client = _connect(self._address)
+                self._reached = True
                 log.info("updates run on the Dask cluster at %s", self._address)
             return self._client
 
     def _disconnect(self) -> None:
         with self._lock:
             client, self._client = self._client, None
-        if client is not None:
+        _close(client)
+
+
+def _connect(address: str) -> Client:
+    """Raises OSError where no scheduler answers."""
+    security = Security()
+    # A client waits for ever for the first word of one that takes the connection and is silent.
+    asyncio.run(_greet(address, security))
+    return Client(address, timeout=CONNECT_S, security=security, set_as_default=False, name="tidemap")
+
+
+async def _greet(address: str, security: Security) -> None:
+    how = security.get_connection_args("client")
+    comm = await asyncio.wait_for(connect(address, timeout=CONNECT_S, **how), CONNECT_S)
+    comm.abort()
+
+
+def _close(client: Client | None) -> None:
+    if client is not None:
+        with suppress(OSError):
             client.close(timeout=CONNECT_S)
-
-
-def _ahead(client: Client) -> int:
-    threads: int = sum(client.nthreads().values())
-    return max(AHEAD, 2 * threads)
 
 
 def _submit(client: Client, run: Callable[[Context, Item], Value], item: Item) -> "Future[Value]":

@@ -39,8 +39,10 @@ async def _until_stopped(ctx: Context, address: str, stop: Event) -> None:
         with suppress(asyncio.CancelledError):
             try:
                 await membership
-            except OSError as error:
-                log.warning("the Dask scheduler at %s does not answer: %s", address, error)
+            except Exception as error:
+                # The package wraps whatever keeps a worker from joining. The process is to end by `stop` alone.
+                cause = error.__cause__ or error
+                log.warning("this process is no worker of the Dask cluster at %s: %r", address, cause)
         await asyncio.wait({stopping}, timeout=REST_S)
 
 

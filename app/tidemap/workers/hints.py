@@ -1,7 +1,7 @@
 """Hints: what one process sends the others of a message, short enough for the channel."""
 
 from dataclasses import asdict, dataclass, fields
-from typing import Any
+from typing import Any, get_args
 
 import orjson
 
@@ -30,10 +30,14 @@ class Hint:
         return cls(origin, message.kind, message.location, message.id, message.time, data)
 
     @classmethod
-    def read(cls, text: str) -> "Hint":
-        """As it came through the channel; another version may send more."""
-        values = orjson.loads(text)
-        return cls(**{each.name: values[each.name] for each in fields(cls)})
+    def read(cls, text: str) -> "Hint | None":
+        """As it came through the channel; None where it is none that this version knows. Another may send more."""
+        try:
+            values = orjson.loads(text)
+            hint = cls(**{each.name: values[each.name] for each in fields(cls)})
+        except (ValueError, TypeError, KeyError):
+            return None
+        return hint if hint._is_sound() else None
 
     def text(self) -> str:
         """For the channel. What would be too long goes without its largest values, which are null then."""
@@ -42,6 +46,10 @@ class Hint:
             largest = max(self.data, key=lambda name: len(orjson.dumps(values["data"][name])))
             values["data"][largest] = None
         return encoded.decode()
+
+    def _is_sound(self) -> bool:
+        known = self.kind in get_args(Kind) and isinstance(self.location, str) and isinstance(self.data, dict)
+        return known and isinstance(self.id, int) and isinstance(self.time, int | float)
 
     def message(self) -> EventMessage:
         """The message, but for what was too long."""

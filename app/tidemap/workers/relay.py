@@ -4,7 +4,7 @@ import logging
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from time import monotonic
+from time import monotonic, sleep
 from typing import Any
 from uuid import uuid4
 
@@ -24,6 +24,11 @@ CATCH_UP_S = 2.0
 """How often to look for changes of events that came without a hint: their process may have died before it could."""
 LISTEN_S = 0.5
 PAGE = 500
+STOP_S = 3.0
+"""How long the end waits for what is not delivered yet, and then for each thread."""
+DRAIN_S = 0.02
+MAX_UNSENT = 10_000
+"""Hints that wait while none can be sent; the oldest are dropped then."""
 
 
 class Relay:
@@ -38,6 +43,7 @@ class Relay:
         self._ctx = ctx
         self._origin = uuid4().hex
         self._waiting: deque[EventMessage | Hint] = deque()
+        self._unsent: deque[str] = deque(maxlen=MAX_UNSENT)
         self._incoming, self._outgoing = Channel(ctx.settings.url), Channel(ctx.settings.url)
         self._delivery = Worker("relay", CATCH_UP_S, self._deliver_waiting)
         self._listener = Worker("relay-listener", LISTEN_S, self._listen)
@@ -54,13 +60,25 @@ class Relay:
         self._listener.start()
 
     def stop(self) -> None:
-        """End. What the bus is given later is delivered here alone."""
+        """End, once what waits is delivered; a database that does not answer is waited for a few seconds only.
+
+        What the bus is given later is delivered here alone.
+        """
+        self._drain()
         self._restore()
-        for worker in (self._listener, self._delivery):
+        for worker, channel in ((self._listener, self._incoming), (self._delivery, self._outgoing)):
             worker.request_stop()
-            worker.join()
-        self._incoming.close()
-        self._outgoing.close()
+            if worker.join(STOP_S):
+                channel.close()
+            else:
+                # Its thread ends with the process, and its connection with the thread.
+                log.warning("the relay ends without an answer from the database")
+
+    def _drain(self) -> None:
+        until = monotonic() + STOP_S
+        while self._waiting and monotonic() < until:
+            self._delivery.wake()
+            sleep(DRAIN_S)
 
     def alive(self) -> bool:
         """Whether it is at work."""
@@ -72,33 +90,40 @@ class Relay:
 
     def _listen(self) -> None:
         before = self._incoming.listens
-        heard = [Hint.read(text) for text in self._incoming.listen(LISTEN_S)]
+        heard = self._incoming.listen(LISTEN_S)
         if not before:
             # What was sent before it listened is lost; the rows are not.
             self._looked = 0.0
             self._delivery.wake()
-        for hint in heard:
-            if hint.origin != self._origin:
+        for text in heard:
+            hint = Hint.read(text)
+            if hint is None:
+                log.debug("a notification is no hint that is known here: %.200s", text)
+            elif hint.origin != self._origin:
                 self._put(hint)
         self._listener.wake()
 
     def _deliver_waiting(self) -> None:
         if monotonic() - self._looked >= CATCH_UP_S:
             self._catch_up()
-        hints: list[str] = []
-        while self._waiting:
-            item = self._waiting[0]
-            if isinstance(item, EventMessage):
-                hints.append(Hint.of(self._origin, item).text())
-            self._try(item)
-            # Only now: where the database is away, it is delivered later.
-            self._waiting.popleft()
-        if hints:
+        try:
+            while self._waiting:
+                self._try(self._waiting[0])
+                # Only now: where the database is away, it is delivered later.
+                self._waiting.popleft()
+        finally:
+            self._send()
+
+    def _send(self) -> None:
+        """Send the hints of what was delivered; they wait where that is impossible."""
+        texts = list(self._unsent)
+        if texts:
             with suppress(BusyError):
-                self._outgoing.send(hints)
+                self._outgoing.send(texts)
+                self._unsent.clear()
 
     def _try(self, item: EventMessage | Hint) -> None:
-        """Deliver it here. Raises BusyError where the database is away."""
+        """Deliver it here, and have others hear of it. Raises BusyError where the database is away."""
         try:
             if item.kind == "anomaly":
                 self._note(item.id, item.data)
@@ -108,6 +133,8 @@ class Relay:
                 self._ctx.bus.deliver(item.message())
             else:
                 self._ctx.bus.deliver(item)
+            if isinstance(item, EventMessage):
+                self._unsent.append(Hint.of(self._origin, item).text())
         except BusyError:
             raise
         except Exception:
@@ -118,7 +145,8 @@ class Relay:
         if (data.get("change") or 0) <= self._cursor:
             return
         known = self._news.get(event_id, {"update": True, "joined": []})
-        joined = [*known["joined"], *(data.get("joined") or [])]
+        # Once each: where the database is away, this is called again.
+        joined = list(dict.fromkeys([*known["joined"], *(data.get("joined") or [])]))
         self._news[event_id] = {"update": known["update"] and bool(data.get("update")), "joined": joined}
 
     def _catch_up(self) -> None:
@@ -127,12 +155,18 @@ class Relay:
         while page == PAGE:
             missed = missed_changes(self._ctx, EventFilter(), self._cursor, PAGE)
             for message in missed:
-                message.data.update(self._news.pop(message.id, {}))
-                self._ctx.bus.deliver(message)
+                self._ctx.bus.deliver(self._completed(message))
                 self._cursor = message.position
             page = len(missed)
         self._news.clear()
         self._looked = monotonic()
+
+    def _completed(self, message: EventMessage) -> EventMessage:
+        """With what was noted. It is an update only where its row says so too: word of the first one may be missing."""
+        news = self._news.pop(message.id, None)
+        if news is not None:
+            message.data.update(joined=news["joined"], update=message.data["update"] and news["update"])
+        return message
 
 
 @contextmanager

@@ -49,10 +49,11 @@ class Worker:
         self._stopping.set()
         self._wake.set()
 
-    def join(self) -> None:
-        """Wait until it has ended."""
+    def join(self, at_most_s: float | None = None) -> bool:
+        """Wait until it has ended, or for so long; whether it has. The process ends without one that has not."""
         if self._thread.is_alive():
-            self._thread.join()
+            self._thread.join(at_most_s)
+        return not self._thread.is_alive()
 
     @contextmanager
     def running(self) -> Iterator[None]:

@@ -1,9 +1,11 @@
 """The relay: each process hears what any of them has done, new events exactly once and in the order of their ids."""
 
+import threading
 from collections.abc import Iterator
 from contextlib import ExitStack
 
 import pytest
+from sqlalchemy import create_engine
 
 from tests.support.contexts import NOW, make_location, opened, post_states, refit
 from tests.support.databases import PostgresDatabases, SqliteDatabases
@@ -11,7 +13,7 @@ from tests.support.postgres import Postgres
 from tests.support.waiting import until
 from tidemap.events.messages import EventMessage
 from tidemap.services.context import Context
-from tidemap.storage.channel import MAX_TEXT_BYTES
+from tidemap.storage.channel import MAX_TEXT_BYTES, Channel
 from tidemap.workers.hints import Hint
 from tidemap.workers.relay import Relay, relayed
 
@@ -19,6 +21,7 @@ FREE_S = 7200.0
 STEP_S = 120.0
 """Between two visits, so that each is an event of its own."""
 END_CONNECTIONS = "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE starts_with(query, 'LISTEN')"
+END_SENDERS = "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE starts_with(query, 'SELECT pg_notify')"
 
 
 class Process:
@@ -105,6 +108,39 @@ def test_what_was_sent_while_a_connection_was_lost_is_heard_too(
     assert first.of_kind("anomaly") == second.of_kind("anomaly") == list(range(1, 12))
 
 
+def test_what_cannot_be_sent_is_sent_later(two: tuple[Process, Process], postgres: Postgres) -> None:
+    first, second = two
+    until(lambda: listening(first))
+    for number in (1, 2):
+        first.ctx.bus.publish(EventMessage("job", "room", number, NOW))
+        until(lambda number=number: number in second.of_kind("job"))  # type: ignore[misc]
+        postgres.execute(END_SENDERS)
+    first.ctx.bus.publish(EventMessage("job", "room", 3, NOW))
+    until(lambda: second.of_kind("job") == [1, 2, 3])
+
+
+def test_an_event_is_new_though_word_of_its_update_comes_first(two: tuple[Process, Process], url: str) -> None:
+    silent, first = Process(url), two[0]
+    silent.visit(0)
+    silent.close()
+    post_states(first.ctx, "room", [NOW - FREE_S + 60.0], [1])
+    until(lambda: any(each.kind == "anomaly" for each in first.heard))
+    assert first.of_kind("anomaly") == [1]
+
+
+def test_what_is_no_hint_keeps_none_from_being_heard(two: tuple[Process, Process]) -> None:
+    first, second = two
+    until(lambda: listening(first))
+    first.ctx.bus.publish(EventMessage("job", "room", 1, NOW))
+    until(lambda: second.of_kind("job"))
+    channel = Channel(first.ctx.settings.url)
+    known = Hint.of("another", EventMessage("job", "room", 2, NOW)).text()
+    channel.send(["?", "[]", "{}", known.replace("job", "rumour"), known])
+    channel.close()
+    until(lambda: second.of_kind("job") == [1, 2])
+    assert {each.kind for each in second.heard} == {"job"}
+
+
 def test_an_event_of_a_process_that_sent_no_hint_is_heard(two: tuple[Process, Process], url: str) -> None:
     silent = Process(url)
     silent.visit(0)
@@ -144,6 +180,22 @@ def test_a_relay_that_has_ended_leaves_the_bus_as_it_was(url: str) -> None:
     process.close()
 
 
+def test_a_relay_ends_though_the_database_does_not_answer(url: str, caplog: pytest.LogCaptureFixture) -> None:
+    process = Process(url)
+    relay = Relay(process.ctx)
+    engine = create_engine(url)
+    with engine.begin() as connection:
+        relay.start()
+        connection.exec_driver_sql("LOCK TABLE anomaly")
+        process.ctx.bus.publish(EventMessage("anomaly", "room", 1, NOW, {"update": False}))
+        relay.stop()
+    assert "without an answer" in caplog.text
+    until(lambda: not relay.alive() and not any(each.name == "tidemap-relay" for each in threading.enumerate()))
+    relay.stop()
+    process.close()
+    engine.dispose()
+
+
 def test_alone_on_sqlite_there_is_none(tmp_path_factory: pytest.TempPathFactory) -> None:
     with SqliteDatabases(tmp_path_factory.mktemp("alone")).migrated() as url, opened(url) as ctx, relayed(ctx):
         heard: list[EventMessage] = []
@@ -157,4 +209,6 @@ def test_a_hint_fits_the_channel_whatever_is_in_the_message() -> None:
     hint = Hint.of("me", EventMessage("update", "lab", 3, NOW, data))
     text = hint.text()
     assert len(text.encode()) <= MAX_TEXT_BYTES
-    assert Hint.read(text).message().data == {"revision": 3, "selection": None, "order": 15}
+    read = Hint.read(text)
+    assert read is not None
+    assert read.message().data == {"revision": 3, "selection": None, "order": 15}
