@@ -14,8 +14,8 @@ from tidemap.cli_support import (
     UsageError,
     add_database,
     add_json,
+    duration_option,
     existing_settings,
-    positive_option,
     time_option,
 )
 
@@ -46,7 +46,7 @@ def add_keys(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") ->
     rotate.add_argument("id", type=int)
     rotate.add_argument(
         "--overlap",
-        type=positive_option,
+        type=duration_option,
         default=DAY_S,
         metavar="SECONDS",
         help="how long the old one still opens (default: a day)",

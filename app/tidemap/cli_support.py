@@ -66,6 +66,17 @@ def positive_option(text: str) -> float:
     return value
 
 
+def duration_option(text: str) -> float:
+    """Seconds of an option, 0 or more."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = inf
+    if not 0 <= value < inf:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of seconds from 0 on")
+    return value
+
+
 def count_option(text: str) -> int:
     """A positive whole number of an option."""
     if not (text.isascii() and text.isdecimal() and 0 < int(text) <= MAX_COUNT):
