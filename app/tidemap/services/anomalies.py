@@ -1,6 +1,6 @@
 """Anomalies: list and acknowledge stored events."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,15 +96,16 @@ def _filter(query: EventQuery, location: LocationRecord | None) -> AnomalyFilter
 
 
 def changed_events(ctx: Context, location: str | None, scope: Scope, after: int, limit: int) -> list[Anomaly]:
-    """Events that changed after a number, in order of that, of a location or all in scope; not muted or snoozed ones.
+    """Events that began or changed after a number, in order of that, of a location or all in scope.
 
-    Raises LocationNotFoundError.
+    One that did both is there twice, as it is now: with its first number as `change`, and with its latest. Muted and
+    snoozed ones are left out. Raises LocationNotFoundError.
     """
     with ctx.store.read() as work:
         only = None if location is None else work.locations.get(location)
         records = work.anomalies.changed(after, limit, only.id if only else None, scope)
         locations = {each.id: each for each in ([only] if only else work.locations.list() if records else [])}
-    return [_known(ctx, locations[record.location_id], record) for record in records]
+    return [replace(_known(ctx, locations[record.location_id], record), change=number) for number, record in records]
 
 
 def get_event(ctx: Context, anomaly_id: int) -> Anomaly:

@@ -38,11 +38,12 @@ def latest_change(ctx: Context) -> int:
 def missed_changes(ctx: Context, wanted: EventFilter, after: int, limit: int) -> list[EventMessage]:
     """The messages of events that changed after a number, of the locations that are wanted, in order of that.
 
-    Of an event the latest change alone; it is an update where the event is older than that number. What it was joined
-    with is not said. Raises LocationNotFoundError.
+    Of an event its first message, where that is after the number, and the latest change; both with the event as it is
+    now. So a reader that is cut off between the two hears of each event as a new one, and once. What it was joined with
+    is not said. Raises LocationNotFoundError.
     """
     return [
-        anomaly_message(event, ctx.clock(), update=event.id <= after)
+        anomaly_message(event, ctx.clock(), update=event.change != event.id)
         for event in changed_events(ctx, wanted.location, wanted.scope, after, limit)
     ]
 

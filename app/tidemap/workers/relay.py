@@ -48,7 +48,7 @@ class Relay:
         self._delivery = Worker("relay", CATCH_UP_S, self._deliver_waiting)
         self._listener = Worker("relay-listener", LISTEN_S, self._listen)
         self._cursor = 0
-        self._news: dict[int, dict[str, Any]] = {}
+        self._joined: dict[int, list[int]] = {}
         self._looked = monotonic()
         self._restore: Callable[[], None] = lambda: None
 
@@ -144,10 +144,10 @@ class Relay:
         """Take note of what the rows do not say of a change that is not delivered yet."""
         if (data.get("change") or 0) <= self._cursor:
             return
-        known = self._news.get(event_id, {"update": True, "joined": []})
         # Once each: where the database is away, this is called again.
-        joined = list(dict.fromkeys([*known["joined"], *(data.get("joined") or [])]))
-        self._news[event_id] = {"update": known["update"] and bool(data.get("update")), "joined": joined}
+        joined = dict.fromkeys([*self._joined.get(event_id, ()), *(data.get("joined") or ())])
+        if joined:
+            self._joined[event_id] = list(joined)
 
     def _catch_up(self) -> None:
         """Deliver the changes of events that are stored and were not delivered yet."""
@@ -155,18 +155,13 @@ class Relay:
         while page == PAGE:
             missed = missed_changes(self._ctx, EventFilter(), self._cursor, PAGE)
             for message in missed:
-                self._ctx.bus.deliver(self._completed(message))
+                if message.data["update"]:
+                    message.data["joined"] = self._joined.pop(message.id, [])
+                self._ctx.bus.deliver(message)
                 self._cursor = message.position
             page = len(missed)
-        self._news.clear()
+        self._joined.clear()
         self._looked = monotonic()
-
-    def _completed(self, message: EventMessage) -> EventMessage:
-        """With what was noted. It is an update only where its row says so too: word of the first one may be missing."""
-        news = self._news.pop(message.id, None)
-        if news is not None:
-            message.data.update(joined=news["joined"], update=message.data["update"] and news["update"])
-        return message
 
 
 @contextmanager

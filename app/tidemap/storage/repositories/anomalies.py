@@ -78,11 +78,16 @@ class AnomalyRepository:
         )
         return [(row.change, row.id) for row in rows]
 
-    def changed(self, after: int, limit: int, location_id: int | None, scope: Scope) -> Sequence[AnomalyRecord]:
-        """The events of such changes, in order of these."""
-        query = _query(AnomalyFilter(location_id, scope=scope)).where(anomaly.c.change > after)
-        rows = self._connection.execute(_audible(query).order_by(anomaly.c.change).limit(limit))
-        return [_record(row) for row in rows.mappings()]
+    def changed(
+        self, after: int, limit: int, location_id: int | None, scope: Scope
+    ) -> Sequence[tuple[int, AnomalyRecord]]:
+        """Events by the numbers after one at which they began or changed last, in order of these."""
+        query = _audible(_query(AnomalyFilter(location_id, scope=scope)))
+        found: dict[int, RowMapping] = {}
+        for number in (anomaly.c.id, anomaly.c.change):
+            rows = self._connection.execute(query.where(number > after).order_by(number).limit(limit)).mappings()
+            found |= {row[number.name]: row for row in rows}
+        return [(number, _record(found[number])) for number in sorted(found)[:limit]]
 
     def change_of(self, anomaly_id: int) -> int | None:
         """The number of the latest change of an event; None where it is gone or a part of another, or inaudible."""
