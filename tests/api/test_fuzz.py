@@ -21,6 +21,7 @@ from tests.api.refusals import DOOR, LAB, Untouched
 from tests.support.parsing import Target, parse
 from tidemap.errors import InvalidInputError, UnreadableBodyError
 from tidemap.formats.registry import Body
+from tidemap.history.measurements import UNAVAILABLE
 from tidemap.media_types import ARROW, JSON, NPY
 from tidemap.space.grid import SINGLE, GridGeometry
 
@@ -62,7 +63,7 @@ def read(content: bytes, kind: str, media_type: str) -> None:
     assert np.isfinite(found.time).all()
     assert (found.time <= NOW).all()
     assert (found.cell < target.grid.n_cells).all()
-    assert (found.state <= 1).all()
+    assert (found.state <= UNAVAILABLE).all()
 
 
 @pytest.mark.parametrize("kind", TARGETS)

@@ -29,7 +29,7 @@ def house(databases: Databases, tmp_path_factory: pytest.TempPathFactory) -> Ite
 def heard(house: Api) -> Iterator[list[EventMessage]]:
     """The messages of anomalies."""
     messages: list[EventMessage] = []
-    unsubscribe = house.ctx.bus.subscribe(lambda each: messages.append(each) if each.kind == "anomaly" else None)
+    unsubscribe = house.ctx.bus.subscribe_own(lambda each: messages.append(each) if each.kind == "anomaly" else None)
     yield messages
     unsubscribe()
 

@@ -431,6 +431,11 @@ def test_surprising_measurements_come_back_as_events(api: Api) -> None:
         "acknowledged_by": None,
         "acknowledged_at": None,
         "note": None,
+        "ended": False,
+        "muted": False,
+        "snoozed_by": None,
+        "snoozed_until": None,
+        "change": event["id"],
     }
     assert event["surprise"] == pytest.approx(1 - event["probability"])
     assert event["surprise"] > 0.75

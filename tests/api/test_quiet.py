@@ -27,7 +27,7 @@ def house(databases: Databases, tmp_path_factory: pytest.TempPathFactory) -> Ite
 @pytest.fixture
 def heard(house: Api) -> Iterator[list[EventMessage]]:
     messages: list[EventMessage] = []
-    unsubscribe = house.ctx.bus.subscribe(lambda each: messages.append(each) if each.kind == "anomaly" else None)
+    unsubscribe = house.ctx.bus.subscribe_own(lambda each: messages.append(each) if each.kind == "anomaly" else None)
     yield messages
     unsubscribe()
 

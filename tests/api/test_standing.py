@@ -30,7 +30,7 @@ def house(databases: Databases, tmp_path_factory: pytest.TempPathFactory) -> Ite
 def heard(house: Api) -> list[EventMessage]:
     """The messages of anomalies."""
     messages: list[EventMessage] = []
-    house.ctx.bus.subscribe(lambda each: messages.append(each) if each.kind == "anomaly" else None)
+    house.ctx.bus.subscribe_own(lambda each: messages.append(each) if each.kind == "anomaly" else None)
     return messages
 
 

@@ -33,8 +33,9 @@ def look(ctx: Context, name: str, time: float) -> Seen:
 
 def compare(ctx: Context, name: str) -> None:
     location = find_location(ctx, name)
-    assert location.last_time is not None
-    for time in (BEGIN - 50 * MINUTE, BEGIN + 100 * MINUTE, location.last_time, location.last_time + 1e6):
+    # Nothing may be left of what was measured.
+    latest = BEGIN if location.last_time is None else location.last_time
+    for time in (BEGIN - 50 * MINUTE, BEGIN + 100 * MINUTE, latest, latest + 1e6):
         seen = look(ctx, name, time)
         found = last_seen(ctx, location, int(location.base.sample(time)), KNOWN)
         assert seen.sample[KNOWN].tolist() == found.sample.tolist()

@@ -13,7 +13,7 @@ from tidemap.services.context import Context
 from tidemap.services.jobs import request_update
 from tidemap.services.locations import delete_location, find_location
 from tidemap.services.update import UpdateRequest
-from tidemap.storage.records import AnomalyRecord, LocationRecord, ScanRecord
+from tidemap.storage.records import AnomalyRecord, LocationRecord, RhythmRecord, ScanRecord
 from tidemap.storage.store import Store
 from tidemap.storage.tables import metadata
 from tidemap.storage.work import Work
@@ -113,7 +113,8 @@ def fill(ctx: Context, name: str) -> int:
         location = work.locations.get(name)
     event = AnomalyRecord(location.id, 0, 0.0, 60.0, np.array([1, 2]), 1, 0.1, 0.9, 0.9, "surprise", 1)
     scan = ScanRecord(location.id, 0, None, 0.0, 0.0, None, "quarantined", {}, 1, None, None, 1, b"x")
-    ctx.store.write(lambda work: (work.anomalies.append([event]), work.scans.append([scan])))
+    rhythm = RhythmRecord(location_id=location.id, through=1, heard=b"", last_heard=None, silence=None)
+    ctx.store.write(lambda work: (work.anomalies.append([event]), work.scans.append([scan]), work.rhythms.put(rhythm)))
     return location.id
 
 
