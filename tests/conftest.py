@@ -17,6 +17,8 @@ from tests.support.postgres import Postgres, running_postgres
 from tests.support.server import ServerProcess, StartServer
 from tidemap.services.context import Context
 
+# What runs in .venv/ros, with the packages that are there.
+collect_ignore = ["support/ros2"]
 CONSOLE = pytest.StashKey[list[str]]()
 
 # No deadline, for the machine may be busy; the same examples in every run of CI, new ones elsewhere.

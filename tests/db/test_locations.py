@@ -114,7 +114,8 @@ def fill(ctx: Context, name: str) -> int:
     event = AnomalyRecord(location.id, 0, 0.0, 60.0, np.array([1, 2]), 1, 0.1, 0.9, 0.9, "surprise", 1)
     scan = ScanRecord(location.id, 0, None, 0.0, 0.0, None, "quarantined", {}, 1, None, None, 1, b"x")
     rhythm = RhythmRecord(location_id=location.id, through=1, heard=b"", last_heard=None, silence=None)
-    ctx.store.write(lambda work: (work.anomalies.append([event]), work.scans.append([scan]), work.rhythms.put(rhythm)))
+    ctx.store.write(lambda work: (work.anomalies.append([event]), work.scans.append([scan])))
+    ctx.store.write(lambda work: work.rhythms.put(rhythm))
     return location.id
 
 

@@ -64,6 +64,9 @@ class Compactor(MaintenanceWorker):
         self._come_in += message.data["measurements"]
         if self._come_in >= COMPACT_MEASUREMENTS:
             self._worker.wake()
+        self._pace()
+
+    def _pace(self) -> None:
         self._ctx.store.slow_down(slowed_s(self._waiting + self._come_in))
 
     def _round(self) -> None:
@@ -73,6 +76,9 @@ class Compactor(MaintenanceWorker):
             locations, waiting = work.locations.list(), work.observations.waiting()
         long = [location for location in locations if is_long(location, waiting.get(location.id, 0))]
         self._waiting = sum(waiting.get(location.id, 0) for location in self._moving(long))
+        self._worker.check()
+        # What came in since it was counted was paced by the count before.
+        self._pace()
         if (term := self._election.term) is not None:
             self._work(term, [location for location in long if self._retries.due(location.id)])
 
