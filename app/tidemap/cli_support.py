@@ -3,7 +3,7 @@
 import argparse
 import os
 import sys
-from math import inf
+from math import inf, nan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -57,24 +57,24 @@ def add_json(command: argparse.ArgumentParser) -> None:
 
 def positive_option(text: str) -> float:
     """A positive number of an option."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0 < value < inf:
+    if not 0 < (value := _number(text)) < inf:
         raise argparse.ArgumentTypeError(f"{text!r} is no positive number")
     return value
 
 
 def duration_option(text: str) -> float:
     """Seconds of an option, 0 or more."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = inf
-    if not 0 <= value < inf:
+    if not 0 <= (value := _number(text)) < inf:
         raise argparse.ArgumentTypeError(f"{text!r} is no number of seconds from 0 on")
     return value
+
+
+def _number(text: str) -> float:
+    """NaN, which lies in no range, where it is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return nan
 
 
 def count_option(text: str) -> int:

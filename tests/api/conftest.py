@@ -6,6 +6,7 @@ import pytest
 
 from tests.api.house import NOW, Api, fortnight, open_house
 from tests.api.refusals import Untouched, furnished
+from tidemap.events.messages import EventMessage
 
 
 @pytest.fixture(scope="module")
@@ -50,3 +51,12 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Untouched]:
     """A furnished site that refused requests must leave as it was."""
     with open_house(tmp_path_factory.mktemp("bad")) as house, furnished(house) as site:
         yield site
+
+
+@pytest.fixture
+def heard(house: Api) -> Iterator[list[EventMessage]]:
+    """The messages of anomalies that the module's `house` has published."""
+    messages: list[EventMessage] = []
+    unsubscribe = house.ctx.bus.subscribe_own(lambda each: messages.append(each) if each.kind == "anomaly" else None)
+    yield messages
+    unsubscribe()

@@ -25,15 +25,6 @@ def house(databases: Databases, tmp_path_factory: pytest.TempPathFactory) -> Ite
         yield house
 
 
-@pytest.fixture
-def heard(house: Api) -> Iterator[list[EventMessage]]:
-    """The messages of anomalies."""
-    messages: list[EventMessage] = []
-    unsubscribe = house.ctx.bus.subscribe_own(lambda each: messages.append(each) if each.kind == "anomaly" else None)
-    yield messages
-    unsubscribe()
-
-
 def door(house: Api, **settings: Any) -> str:
     """A door with six weeks of being closed at night, and a model of them."""
     form = {"interval_s": MINUTE, "estimator": "calendar", "order": 3, "time_zone": "UTC", **settings}

@@ -24,14 +24,6 @@ def house(databases: Databases, tmp_path_factory: pytest.TempPathFactory) -> Ite
         yield house
 
 
-@pytest.fixture
-def heard(house: Api) -> Iterator[list[EventMessage]]:
-    messages: list[EventMessage] = []
-    unsubscribe = house.ctx.bus.subscribe_own(lambda each: messages.append(each) if each.kind == "anomaly" else None)
-    yield messages
-    unsubscribe()
-
-
 def door(house: Api, **settings: Any) -> str:
     """A location that was never occupied."""
     name = house.location(interval_s=MINUTE, estimator="static", confidence=0.75, **settings)

@@ -26,14 +26,6 @@ def house(databases: Databases, tmp_path_factory: pytest.TempPathFactory) -> Ite
         yield house
 
 
-@pytest.fixture
-def heard(house: Api) -> list[EventMessage]:
-    """The messages of anomalies."""
-    messages: list[EventMessage] = []
-    house.ctx.bus.subscribe_own(lambda each: messages.append(each) if each.kind == "anomaly" else None)
-    return messages
-
-
 def door(house: Api) -> str:
     """A door that is open from 8 to 20 o'clock on weekdays, and speaks when it changes; six weeks of it."""
     form = {"interval_s": MINUTE, "estimator": "calendar", "order": 3, "missing": "hold", "hold_s": 4 * DAY}

@@ -35,8 +35,8 @@ class Relay:
     """One thread delivers what this process published and what others say they did; another one listens to them.
 
     The rows are the truth: changes of events are read in the order of their numbers, which is that of the commits, so
-    every process delivers the latest of each event once and in that order, whatever becomes of its connections. The
-    rest are hints.
+    every process delivers the first and the latest of each event once and in that order, whatever becomes of its
+    connections. The rest are hints.
     """
 
     def __init__(self, ctx: Context) -> None:
