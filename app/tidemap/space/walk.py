@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tidemap.history.jit import kernel
 from tidemap.space.grid import GridGeometry
+from tidemap.space.ranges import LONGER
 
 Array: TypeAlias = NDArray[np.float64]
 Integers: TypeAlias = NDArray[np.int64]
@@ -53,7 +54,7 @@ def aim(start: Array, end: Array, max_range: float, walk: Walk) -> int:
         squared += walk.way[axis] ** 2
     if not squared < MAX_AWAY**2:  # NaN is not either
         return SKIP
-    if squared <= max_range**2:
+    if squared <= (max_range * LONGER) ** 2:
         return WHOLE
     share = max_range / np.sqrt(squared)
     for axis in range(3):

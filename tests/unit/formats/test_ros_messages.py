@@ -1,5 +1,7 @@
 """ROS messages of any origin: what is wrong with one is said in words. Right ones are in `tests/unit/importing`."""
 
+from array import array
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -129,3 +131,18 @@ def test_rows_run_along_x(data: list[int]) -> None:
 def test_a_wrong_grid_is_refused_in_words(changes: dict[str, Any], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         occupancy_states(grid(np.zeros(6, np.int8), **changes))
+
+
+@pytest.mark.parametrize("kind", [list, tuple, np.array, partial(array, "b"), partial(np.array, dtype=np.uint8)])
+def test_cells_of_any_kind_of_array_are_read(kind: Any) -> None:
+    data = [0, 25, 65, 100, 26, 0]
+    _, state = occupancy_states(grid(kind(data)))
+    assert state.reshape(3, 2).T.reshape(-1).tolist() == [0, 0, 1, 1, 255, 0]
+    _, unknown = occupancy_states(grid(np.full(6, 255, np.uint8)))
+    assert set(unknown.tolist()) == {255}, "-1 without a sign"
+
+
+@pytest.mark.parametrize("value", [101, 200, -2, -128, 10**9, 2**70, 0.5, np.nan, "a", None, [1, 2]])
+def test_cells_that_are_no_percentage_are_refused_in_words(value: Any) -> None:
+    with pytest.raises(ValueError, match=r"percent|cells|inhomogeneous"):
+        occupancy_states(grid([0, 0, 0, 0, 0, value]))
