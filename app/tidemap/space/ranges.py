@@ -2,10 +2,12 @@
 
 from dataclasses import dataclass
 from math import inf
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+Real = TypeVar("Real", bound=np.floating[Any])
 LONGER = 1.0 + 1e-6
 """A range is longer than another from so many times on: float32, which sensors speak, keeps seven digits."""
 BEYOND = 2.0
@@ -32,8 +34,15 @@ def points_of_ranges(
     """
     found = np.where(ranges == inf, BEYOND * limits.clear, ranges).astype(np.float64, copy=False)
     with np.errstate(invalid="ignore"):
-        measured = (ranges * LONGER >= limits.low) & (ranges <= limits.high * LONGER) & (ranges > 0)
-    kept = measured | (ranges == inf)
-    kept &= np.isfinite(found)
+        inside = (ranges * LONGER >= limits.low) & (ranges <= limits.high * LONGER) & (ranges > 0)
+    kept = (inside | (ranges == inf)) & np.isfinite(found)
     found, angle = found[kept], angle[kept]
     return np.stack([found * np.cos(angle), found * np.sin(angle), np.zeros(len(found))], axis=1)
+
+
+def measured(points: NDArray[Real]) -> NDArray[Real]:
+    """Those of the points (n, 3) in a sensor's frame that were measured.
+
+    NaN and infinity have no direction; nor has the sensor's own place, (0, 0, 0), which many drivers write for no echo.
+    """
+    return points[np.isfinite(points).all(axis=1) & points.any(axis=1)]

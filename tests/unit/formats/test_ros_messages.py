@@ -82,11 +82,12 @@ def test_a_wrong_laser_is_refused_in_words(changes: dict[str, float], words: str
 @pytest.mark.parametrize("order", "<>")
 @pytest.mark.parametrize("size", [4, 8])
 def test_clouds_of_any_order_size_and_padding(order: str, size: int) -> None:
-    points = np.arange(18.0).reshape(2, 3, 3)
+    points = np.arange(1.0, 19.0).reshape(2, 3, 3)
     points[1, 1, 2] = np.nan
     found = finite_points(cloud(points, order, size)).points
     assert found.tolist() == [*points[0].tolist(), points[1, 0].tolist(), points[1, 2].tolist()]
     assert finite_points(cloud(np.empty((1, 0, 3)))).points.shape == (0, 3)
+    assert finite_points(cloud(np.zeros((2, 3, 3)))).points.shape == (0, 3), "the sensor itself is no echo"
 
 
 @pytest.mark.parametrize(

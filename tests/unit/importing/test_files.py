@@ -191,8 +191,8 @@ class TestMaps:
         assert snapshot.cell.tolist() == [0, 1, 3, 4, 6, 7, 9, 10]
         assert snapshot.state.tolist() == [1, 0] * 4
         assert report(file, time=7.0).found[0].first == 7.0
-        graded = tmp_path / "graded.zip"
-        graded.write_bytes(nav2.write_graded(FLAT, np.array([1, 0, np.nan] * 4, np.float32)))
+        graded = tmp_path / "graded.zip.gz"
+        graded.write_bytes(gzip.compress(nav2.write_graded(FLAT, np.array([1, 0, np.nan] * 4, np.float32))))
         (again,) = snapshots(graded, FLAT)
         assert again.cell is not None
         assert (again.cell.tolist(), again.state.tolist()) == (snapshot.cell.tolist(), snapshot.state.tolist())
@@ -276,8 +276,8 @@ class TestClouds:
 
     def test_a_cloud_without_a_pose_is_a_problem(self, tmp_path: Path) -> None:
         folder = folder_of_clouds(tmp_path)
-        (folder / "c.pcd").write_bytes(pcd(rows(POINTS), "ascii"))
-        assert "c.pcd has no row in poses.csv" in report(folder).problems[0]
+        (folder / "c.pcd.gz").write_bytes(gzip.compress(pcd(rows(POINTS), "ascii")))
+        assert "c.pcd.gz has no row in poses.csv" in report(folder).problems[0]
         assert not report(folder, skip_missing=True).problems
         other = tmp_path / "other.txt"
         (folder / "poses.csv").rename(other)
