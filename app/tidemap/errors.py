@@ -58,7 +58,7 @@ class CellNotFoundError(NotFoundError):
     code = "cell-not-found"
     title = "Cell not found"
 
-    def __init__(self, cell: int, n_cells: int) -> None:
+    def __init__(self, cell: object, n_cells: int) -> None:
         super().__init__(f"Cell {cell} is outside this location: its cells are 0 to {n_cells - 1}.")
 
 
