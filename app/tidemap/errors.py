@@ -456,6 +456,14 @@ class CorruptChunkError(DomainError):
         self.what, self.why = what, why
 
 
+class LaterFormatError(CorruptChunkError):
+    """A stored blob is whole, and of a format that a later version writes."""
+
+    def __init__(self, what: str, why: str) -> None:
+        super().__init__(what, why)
+        self.args = (f"A later version of Tidemap wrote the stored {what}: {why}. Run that version.",)
+
+
 class SchemaVersionError(DomainError):
     """The database has a schema this version does not know."""
 
