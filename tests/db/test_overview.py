@@ -10,7 +10,7 @@ from anyio.from_thread import start_blocking_portal
 from tests.api.house import Http
 from tests.support.contexts import Clock, make_location, opened, post_states, refit
 from tests.support.databases import SqliteDatabases
-from tests.support.rows import VALUES
+from tests.support.thousand import DAY_S, HOUR_S, fill, open_by_day
 from tidemap.api.main import create_app
 from tidemap.errors import InvalidInputError, RateLimitError
 from tidemap.events.messages import EventMessage
@@ -26,22 +26,12 @@ from tidemap.storage.repositories.locations import LocationFilter
 from tidemap.storage.repositories.sources import MAX_REFUSED, Refusals, SourceActivity
 from tidemap_web.site import pages
 
-DAY_S = 86400.0
-HOUR_S = 3600.0
 MODELLED = 4
-WEEK = np.arange(0.0, 7 * DAY_S, HOUR_S)
 
 
 def wait_for_writes(ctx: Context) -> None:
     """Writes are done in their order."""
     ctx.store.write(lambda work: None)
-
-
-def open_by_day(now: float) -> tuple[np.ndarray, np.ndarray]:
-    """A week before now, occupied from 8 to 18 UTC."""
-    times = (now - 7 * DAY_S) // HOUR_S * HOUR_S + HOUR_S + WEEK
-    hour = times % DAY_S / HOUR_S
-    return times, ((hour >= 8) & (hour < 18)).astype(np.uint8)
 
 
 def door(ctx: Context, name: str, until: float) -> None:
@@ -180,7 +170,7 @@ def test_everybody_hears_what_becomes_of_a_location(ctx: Context) -> None:
 
 def test_a_page_of_a_thousand_locations_is_small(tmp_path: Path, clock: Clock) -> None:
     with SqliteDatabases(tmp_path).migrated() as url, opened(url, clock) as ctx:
-        _fill(ctx, clock.now)
+        fill(ctx, clock.now, MODELLED)
         app = create_app(ctx)
         with pages(ctx, app), start_blocking_portal() as portal:
             browser = Http(portal, app)
@@ -194,14 +184,3 @@ def test_a_page_of_a_thousand_locations_is_small(tmp_path: Path, clock: Clock) -
             assert len(re.findall("<tr id", browser.request("GET", "/?q=-0999").text)) == 1
             assert len(re.findall("<tr id", browser.request("GET", "/?page=20").text)) == 50
             assert "No location is like this" in browser.request("GET", "/?page=21").text
-
-
-def _fill(ctx: Context, now: float) -> None:
-    """A thousand locations, some of the first fifty with a week of readings and a model."""
-    names = [f"building-{number // 200}-floor-{number % 5}-door-{number:04}" for number in range(1000)]
-    values = [VALUES | {"name": name, "interval_s": HOUR_S, "epoch": 0.0} for name in names]
-    ctx.store.write(lambda work: [work.locations.create(each) for each in values])
-    times, states = open_by_day(now)
-    for name in sorted(names)[:MODELLED]:
-        post_states(ctx, name, times, states)
-        refit(ctx, name, estimator="fft", order=3)
