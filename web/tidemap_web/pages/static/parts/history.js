@@ -36,7 +36,7 @@ export class History {
     this.whole = document.createElement("div");
     this.whole.className = "brush";
     host.after(this.whole, this.legend, this.reading);
-    state.subscribe((changed) => this.follow(changed));
+    state.subscribe((changed) => this.update(changed));
     live.onConnection((since) => since === null && this.load());
     this.listen();
     const { time } = state.values;
@@ -64,7 +64,7 @@ export class History {
    * What has changed is drawn: another range or model anew, another moment in the range as a line.
    * @param {Set<string>} changed
    */
-  follow(changed) {
+  update(changed) {
     const { time, span } = this.state.values;
     if (this.range && (changed.has("first") || changed.has("last"))) this.choose(this.range);
     if (changed.has("time") && time !== null && span && (time < span[0] || time > span[1])) {
