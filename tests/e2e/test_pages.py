@@ -15,7 +15,7 @@ from PIL import Image
 from playwright.sync_api import Page, expect
 
 from tests.e2e.test_keys import make_key
-from tests.support.pages import PAGES, VIEWER, barriers, loading, make_door, no_complaints
+from tests.support.pages import PAGES, START, VIEWER, barriers, loading, make_door, no_complaints
 from tests.support.paths import ROOT
 from tests.support.server import ServerProcess, StartServer
 from tests.support.viewer import make_grid, post
@@ -135,10 +135,16 @@ def test_how_well_it_is_predicted_is_shown_when_asked(site: str, page: Page) -> 
 def test_an_update_is_asked_for_and_comes_to_its_end(server: StartServer, page: Page) -> None:
     process = server()
     make_door(process.url, "door")
+    wrong = {"time": [START.timestamp()], "state": [7]}
+    address = f"{process.url}/api/v1/locations/door/observations?source=rover"
+    assert httpx.post(address, json=wrong, trust_env=False).status_code == 422
     page.goto(f"{process.url}/locations/door")
     page.get_by_role("button", name="Update now").click()
     expect(page.locator("#work")).to_contain_text("revision 2", timeout=60_000)
     expect(page.locator("#work")).to_contain_text("without a name")
+    expect(page.get_by_role("row", name="rover").locator("td[data-label='Refused']")).to_contain_text(
+        re.compile(r"^\s*1 since .*state\[0\]", re.DOTALL)
+    )
     expect(page.locator("#history .legend")).to_contain_text("by revision 2", timeout=60_000)
     page.get_by_label("Confidence").fill("0.2")
     page.get_by_role("button", name="Save").click()
