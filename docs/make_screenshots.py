@@ -70,6 +70,7 @@ def lists(page: Page, url: str, kind: str) -> None:
         ("overview", "/", "svg.spark"),
         ("location", f"/locations/{door}", ".week"),
         ("anomalies", "/anomalies?state=all", "main"),
+        ("api", "/api/docs#get_state", "#get_state[open]"),
     ):
         page.goto(url + path)
         page.locator(drawn_when).first.wait_for()
