@@ -57,8 +57,8 @@ def background(ctx: Context) -> Iterator[Background]:
 @contextmanager
 def all_in_one(ctx: Context, *extensions: Extension) -> Iterator[FastAPI]:
     """API and extensions with the workers beside them."""
-    with relayed(ctx), background(ctx) as beside:
-        app = create_app(ctx, beside.alive, beside.is_leader)
+    with relayed(ctx) as relay, background(ctx) as beside:
+        app = create_app(ctx, relay | beside.alive, beside.is_leader)
         with _extended(ctx, app, extensions):
             yield app
 
@@ -66,9 +66,10 @@ def all_in_one(ctx: Context, *extensions: Extension) -> Iterator[FastAPI]:
 @contextmanager
 def api_replica(ctx: Context, *extensions: Extension) -> Iterator[FastAPI]:
     """API and extensions alone; another process on the same database does the background work."""
-    app = create_app(ctx)
-    with relayed(ctx), _extended(ctx, app, extensions):
-        yield app
+    with relayed(ctx) as relay:
+        app = create_app(ctx, relay)
+        with _extended(ctx, app, extensions):
+            yield app
 
 
 def work(ctx: Context, stop: Event) -> None:
