@@ -73,7 +73,7 @@ def create_app(
         license_info={"name": "BSD-3-Clause", "identifier": "BSD-3-Clause"},
     )
     alive, changes = alive or {}, ctx.store.changes
-    metrics = make_registry(ctx, is_leader)
+    metrics = make_registry(ctx, is_leader, alive)
     app.state.tidemap = AppState(
         ctx=ctx,
         alive=alive,

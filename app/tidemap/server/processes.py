@@ -9,6 +9,7 @@ from threading import Event
 from fastapi import FastAPI
 
 from tidemap.api.main import create_app
+from tidemap.server.ending import end_within
 from tidemap.server.warming import warm_up
 from tidemap.services.context import Context
 from tidemap.workers.compactor import Compactor
@@ -73,10 +74,14 @@ def api_replica(ctx: Context, *extensions: Extension) -> Iterator[FastAPI]:
 
 
 def work(ctx: Context, stop: Event) -> None:
-    """Background work alone, until `stop` is set: a candidate for leadership that serves nothing."""
+    """Background work alone, until `stop` is set: a candidate for leadership that serves nothing.
+
+    The whole process ends within `max_stop_s` then.
+    """
     warm_up()
     with relayed(ctx), background(ctx):
         stop.wait()
+        end_within(ctx.settings.max_stop_s, ctx.store.waiting)
 
 
 def stop_on_signals() -> Event:
