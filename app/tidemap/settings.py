@@ -173,6 +173,12 @@ class Settings(BaseSettings):
         "default `secret.key` in `data`. Servers of one database share it. Keep a copy, apart from the database's.",
     )
     viewer: bool = Field(True, description="Run the 3D viewer.")
+    max_stop_s: float = Field(
+        25.0,
+        gt=0,
+        description="How long stopping takes at most, with the ten seconds in which requests are answered; then the "
+        "process ends by force and says what a database that hangs was asked for.",
+    )
     log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="How much to log.")
     log_format: Literal["text", "json"] = Field("text", description="Lines for people, or an object of JSON a line.")
     access_log: bool = Field(False, description="Log every request: method, path, status, time and address.")

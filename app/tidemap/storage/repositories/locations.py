@@ -8,6 +8,7 @@ from sqlalchemy import Connection, Select, bindparam, delete, func, insert, sele
 
 from tidemap.errors import LocationExistsError, LocationNotFoundError
 from tidemap.scope import EVERYWHERE, Scope
+from tidemap.storage.changes import UNCOUNTED
 from tidemap.storage.counters import take
 from tidemap.storage.records import LocationRecord
 from tidemap.storage.scoping import inside
@@ -145,7 +146,8 @@ class LocationRepository:
     def judged(self, location_id: int, until: float) -> None:
         """Say up to when what is held was judged."""
         mine = location_table.c.id == location_id
-        self._connection.execute(update(location_table).where(mine).values(judged_to=until))
+        query = update(location_table).where(mine).values(judged_to=until)
+        self._connection.execute(query.execution_options(**UNCOUNTED))
 
     def delete(self, name: str) -> int:
         """With everything that belongs to it; its id. Raises LocationNotFoundError."""
