@@ -15,10 +15,10 @@ from tidemap.services.locations import LocationSummary
 from tidemap.services.map_view import MapQuery, MapView
 from tidemap.space.grid import Extent, GridGeometry
 from tidemap_web.viewer import report
-from tidemap_web.viewer.board import Board, Taste
+from tidemap_web.viewer.board import NO_SWING, Board, Crop, Taste
 from tidemap_web.viewer.events import boxes
 from tidemap_web.viewer.layout import Layout, arrange
-from tidemap_web.viewer.messages import Aim, PageMessage, Select, ViewRequest
+from tidemap_web.viewer.messages import MAX_STEPS, Aim, PageMessage, Select, ViewRequest
 from tidemap_web.viewer.news import Fresh
 from tidemap_web.viewer.painted import PaintedView
 from tidemap_web.viewer.picking import Ray, first_hit
@@ -243,8 +243,15 @@ class Painter:
 
 def _taste(request: ViewRequest, location: LocationSummary) -> Taste:
     fresh_s = max(FRESH_S, 2 * location.interval_s)
-    heights = (0 if request.low is None else request.low, 65535 if request.high is None else request.high)
-    return Taste(request.floor, fresh_s, request.dim, *heights, request.layout, request.predicted, request.observed)
+    return Taste(
+        request.floor, fresh_s, request.dim, _crop(request), request.layout, request.predicted, request.observed
+    )
+
+
+def _crop(request: ViewRequest) -> Crop:
+    i0, i1, j0, j1 = request.crop or (0, MAX_STEPS, 0, MAX_STEPS)
+    low, high = 0 if request.low is None else request.low, MAX_STEPS if request.high is None else request.high
+    return i0, j0, low, i1, j1, high
 
 
 def _index(shown: PaintedView, cell: int | None) -> NDArray[np.int64] | None:
