@@ -223,8 +223,8 @@ def test_damaged_points_are_reported_and_not_believed(ctx: Context, lab: str) ->
 def test_sensors_have_tracks_of_the_poses_that_stand(ctx: Context, lab: str) -> None:
     location = get_location(ctx, lab)
     assert not has_scans(ctx, location.id)
-    for time, how in ((600.0, {"source": "spot"}), (900.0, {}), (720.0, {"source": "spot"}), (4400.0, {})):
-        post(ctx, time, **how)
+    for time, source in ((600.0, "spot"), (900.0, None), (720.0, "spot"), (4400.0, None)):
+        post(ctx, time, source=source)
     post(ctx, 660.0, POOR, source="spot")
     assert has_scans(ctx, location.id)
     tracks = sensor_tracks(ctx, location.id, 600.0, 4200.0)

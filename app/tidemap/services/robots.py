@@ -27,7 +27,7 @@ def sensor_tracks(ctx: Context, location_id: int, start: float, stop: float) -> 
     """Of every source that posted scans of [start, stop] whose poses stand, by name; '' of robots without one."""
     with ctx.store.read() as work:
         found = work.scans.placed_within(location_id, start, stop, MAX_POSES)
-    by_source = defaultdict(list)
+    by_source: defaultdict[str, list[tuple[float, Pose]]] = defaultdict(list)
     for record in reversed(found):
         by_source[record.source or ""].append((record.time, Pose.of(record.registration["map_from_sensor"])))
     return [

@@ -110,9 +110,11 @@ class Board:
         self.precision = np.dtype(np.float16 if exact else np.float32)
         self._point = (self.index + 0.5).astype(self.precision)
         self._grey = colors.code_of_height(_height(self.index))
-        self._inside, self._crop = np.ones(len(self.cell), np.bool_), WHOLE
+        self._inside: NDArray[np.bool_] = np.ones(len(self.cell), np.bool_)
+        self._crop = WHOLE
         self._always = usual(view.loaded) >= ALWAYS
         self._unseen = Seen(np.full(grid.n_cells, UNOBSERVED, np.uint8), np.full(grid.n_cells, NEVER, np.int64))
+        self._row: NDArray[np.int32] | None = None
         self.codes = np.full((2, len(self.cell)), HIDDEN, np.uint16)
 
     @property
@@ -156,7 +158,7 @@ class Board:
     def _within(self, crop: Crop) -> NDArray[np.bool_]:
         """Which cells are not cut away: worked out once a crop."""
         if crop != self._crop:
-            self._inside = ((self.index >= crop[:3]) & (self.index <= crop[3:])).all(axis=1)
+            self._inside = np.asarray(((self.index >= crop[:3]) & (self.index <= crop[3:])).all(axis=1))
             self._crop = crop
         return self._inside
 
@@ -165,6 +167,15 @@ class Board:
         first = 0 if tile is None else tile * TILE
         stop = None if tile is None else first + TILE
         return first + np.flatnonzero(self.codes[side, first:stop] != HIDDEN)
+
+    def shown_of(self, side: int, cells: NDArray[np.int64]) -> NDArray[np.intp]:
+        """The rows of those of some cells that one grid shows."""
+        if self._row is None:
+            self._row = np.full(self.grid.n_cells, -1, np.int32)
+            self._row[self.cell] = np.arange(len(self.cell))
+        rows = self._row[cells].astype(np.intp)
+        rows = rows[rows >= 0]
+        return np.asarray(rows[self.codes[side, rows] != HIDDEN])
 
     def points(self, rows: NDArray[np.intp]) -> NDArray[np.floating]:
         """(m, 3) the centres of cells in grid steps."""
@@ -194,4 +205,18 @@ def warm() -> None:
     limits, moment = (np.float32(0.5),) * 3, (0, 0)
     layers = ((-1, -1), (False, False), none, none)
     over, ages, counts = np.zeros(MARKS, np.uint16), np.zeros(1, np.int64), np.zeros(COUNTS, np.int64)
-    paint(np.zeros(1, np.int32), none, np.ones(1, np.bool_), *known, limits, moment, False, *layers, over, ages, codes, tiles, counts)
+    paint(
+        np.zeros(1, np.int32),
+        none,
+        np.ones(1, np.bool_),
+        *known,
+        limits,
+        moment,
+        False,
+        *layers,
+        over,
+        ages,
+        codes,
+        tiles,
+        counts,
+    )

@@ -42,11 +42,12 @@ class ViewRequest(Form):
 
 
 class Aim(Form):
-    """Turn the camera to a standard view, or to a `pose`: where it is and what it looks at, in metres."""
+    """Put the camera at a standard view, or at a `pose`: where it is and what it looks at, in metres, and its vertical
+    field of view in radians where that is not the usual one."""
 
     kind: Literal["aim"]
     view: Literal["slanted", "above", "pose"]
-    pose: Annotated[list[Annotated[float, Field(ge=-MAX_METRES, le=MAX_METRES)]], Field(min_length=6, max_length=6)] = (
+    pose: Annotated[list[Annotated[float, Field(ge=-MAX_METRES, le=MAX_METRES)]], Field(min_length=6, max_length=7)] = (
         Field(default=[0.0, -1.0, 1.0, 0.0, 0.0, 0.0])
     )
 
@@ -58,10 +59,28 @@ class Select(Form):
     cell: int | None = Field(None, ge=0)
 
 
-Request = Annotated[ViewRequest | Aim | Select, Field(discriminator="kind")]
-_REQUEST: TypeAdapter[ViewRequest | Aim | Select] = TypeAdapter(Request)
+Share = Annotated[float, Field(ge=0, le=1)]
 
 
-def parse(text: str | bytes) -> ViewRequest | Aim | Select:
+class Hover(Form):
+    """What is under the pointer, `at` shares of the scene's width and height from its top left?"""
+
+    kind: Literal["hover"]
+    at: Annotated[list[Share], Field(min_length=2, max_length=2)]
+
+
+class Ping(Form):
+    """Is somebody there? The answer is a `pong`."""
+
+    kind: Literal["ping"]
+
+
+Asked = ViewRequest | Aim | Select | Hover
+"""What a session is asked."""
+Request = Annotated[Asked | Ping, Field(discriminator="kind")]
+_REQUEST: TypeAdapter[Asked | Ping] = TypeAdapter(Request)
+
+
+def parse(text: str | bytes) -> Asked | Ping:
     """A message of the page. Raises ValueError (pydantic's ValidationError)."""
     return _REQUEST.validate_json(text)

@@ -79,7 +79,7 @@ def router(ctx: Context, viewer: ViewerServer) -> APIRouter:
             await socket.send_denial_response(_no_such_tab())
             return
         await socket.accept()
-        await converse(socket, viewer, token, await run_in_threadpool(guard.scope_of, socket))
+        await converse(socket, viewer, token, await run_in_threadpool(guard.principal, socket))
 
     @routes.websocket("/scene/{token}")
     async def through(socket: WebSocket, token: str) -> None:

@@ -64,7 +64,7 @@ class ScanRepository:
             query = query.where(scan.c.id < after)
         return [_record(row) for row in self._connection.execute(query).mappings()]
 
-    def placed_within(self, location_id: int, start: float, stop: float, limit: int) -> list[ScanRecord]:
+    def placed_within(self, location_id: int, start: float, stop: float, limit: int) -> Sequence[ScanRecord]:
         """The newest of [start, stop] whose pose stands, newest first, without points."""
         mine = (scan.c.location_id == location_id) & (scan.c.verdict != QUARANTINED)
         within = mine & (scan.c.time >= start) & (scan.c.time <= stop)
