@@ -132,4 +132,6 @@ def _swatches() -> dict[str, str]:
         "stale": colors.css(colors.STALE),
         "uncertain": colors.css_of_probability(0.5),
         "free": colors.css_of_probability(0.1),
+        "track": colors.css(colors.TRACK),
+        "unknown": colors.css(colors.UNKNOWN),
     }

@@ -89,6 +89,7 @@ def frame(shown: PaintedView, request: ViewRequest, selected: int | None, drawn:
         "missing": picture.missing,
         "stale": picture.stale,
         "structure": picture.structure,
+        "sensors": len(shown.around.tracks),
         "selected": None if selected is None else cell(shown, selected),
     }
 
