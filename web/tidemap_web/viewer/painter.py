@@ -15,7 +15,7 @@ from tidemap.services.locations import LocationSummary
 from tidemap.services.map_view import MapQuery, MapView, day_of
 from tidemap.space.grid import Extent, GridGeometry
 from tidemap_web.viewer import report
-from tidemap_web.viewer.board import NO_SWING, Board, Crop, Taste
+from tidemap_web.viewer.board import NO_SWING, WHOLE, Board, Crop, Taste
 from tidemap_web.viewer.events import boxes
 from tidemap_web.viewer.hits import NO_HIT, Hit, hit_of
 from tidemap_web.viewer.layout import Layout, arrange
@@ -304,6 +304,8 @@ def _index(shown: PaintedView, cell: int | None) -> NDArray[np.int64] | None:
 
 def _box(shown: PaintedView) -> tuple[float, ...] | None:
     """What is cropped to, in metres; None where nothing is cut away."""
+    if shown.taste.crop == WHOLE:
+        return None
     low, high = np.array(shown.taste.crop[:3]), np.array(shown.taste.crop[3:])
     last = np.array(shown.grid.shape3) - 1
     if not low.any() and (high >= last).all():

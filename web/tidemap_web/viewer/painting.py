@@ -38,15 +38,6 @@ def mark_of(seen: Any, fresh: bool, p: Any, confidence: Any) -> Any:
 
 
 @kernel
-def age_step(age: int, ages: Any) -> int:
-    """How many of the ascending `ages` have passed, all in samples."""
-    step = 0
-    while step < ages.size and age >= ages[step]:
-        step += 1
-    return step
-
-
-@kernel
 def row_of(source: int, mark: int, seen: Any, fresh: bool, step: int, p: Any, swing: Any, limits: Any) -> int:
     """The row of a layer's table that a cell has; -1 where the layer does not show it. limits: as rules of `paint`."""
     confidence, free_below, floor = limits
@@ -69,22 +60,19 @@ def row_of(source: int, mark: int, seen: Any, fresh: bool, step: int, p: Any, sw
 
 
 @kernel
-def predicted_code(row: int, grey: Any, covered: bool, over: Any, table: Any) -> Any:
-    """What the left grid shows: a mark over it, a grey that covers what the layer says, or that."""
+def predicted_code(over: Any, says: Any, covered: bool, grey: Any) -> Any:
+    """What the left grid shows: a mark over it, or what the layer says, or a grey that covers that."""
     if over != HIDDEN:
         return over
-    if row < 0:
-        return HIDDEN
-    return grey if covered else table[row]
+    return grey if covered else says
 
 
 @kernel
-def keep(codes: Any, changed: Any, side: int, row: int, code: Any) -> None:
-    """Write a code, and note in the cell's tile what that changes."""
-    before = codes[side, row]
-    if before != code:
-        changed[side, row // TILE] |= RESHAPED if before == HIDDEN or code == HIDDEN else RECOLOURED
-        codes[side, row] = code
+def change(before: Any, after: Any) -> Any:
+    """What becomes of a cell's tile where its code changes."""
+    if before == after:
+        return np.uint8(0)
+    return RESHAPED if before == HIDDEN or after == HIDDEN else RECOLOURED
 
 
 @kernel
@@ -120,24 +108,36 @@ def paint(
     ascending. Every array is an argument of its own: taken out of a tuple it would be counted for every cell.
     """
     aged, by_day = BY_AGE in sources, sources[0] == BY_DAY
-    for i in range(number.size):
-        first = second = HIDDEN
-        if inside[i]:
-            cell = number[i]
-            p, seen, at = p_of[cell], state[cell], sample[cell]
-            fresh = seen < 2 and at >= moment[0]
-            mark = mark_of(seen, fresh, p, limits[0])
-            wall = dim and always[cell] and p >= WALL
-            counts[WALLS if wall and mark == STALE else mark] += 1
-            counts[WALLS] += wall and mark != STALE
-            step = age_step(moment[1] - at, ages) if aged else 0
-            swing = swing_of[cell] if by_day else np.float32(0)
-            row = row_of(sources[0], mark, seen, fresh, step, p, swing, limits)
-            first = predicted_code(row, grey[i], wall and walls[0], over[mark], left)
-            row = row_of(sources[1], mark, seen, fresh, step, p, swing, limits)
-            if row >= 0:
-                second = grey[i] if wall and walls[1] and mark in (OCCUPIED, STALE) else right[row]
-        counts[SHOWN_LEFT] += first != HIDDEN
-        counts[SHOWN_RIGHT] += second != HIDDEN
-        keep(codes, changed, 0, i, first)
-        keep(codes, changed, 1, i, second)
+    n_walls = n_left = n_right = 0
+    for tile in range(changed.shape[1]):
+        left_bits = right_bits = np.uint8(0)
+        for i in range(tile * TILE, min((tile + 1) * TILE, number.size)):
+            first = second = HIDDEN
+            if inside[i]:
+                cell = number[i]
+                p, seen, at = p_of[cell], state[cell], sample[cell]
+                fresh = seen < 2 and at >= moment[0]
+                mark = mark_of(seen, fresh, p, limits[0])
+                wall = dim and always[cell] and p >= WALL
+                n_walls += wall
+                counts[mark] += not (wall and mark == STALE)
+                step = 0
+                while aged and step < ages.size and moment[1] - at >= ages[step]:
+                    step += 1
+                swing = swing_of[cell] if by_day else np.float32(0)
+                row = row_of(sources[0], mark, seen, fresh, step, p, swing, limits)
+                says = left[row] if row >= 0 else HIDDEN
+                first = predicted_code(over[mark], says, row >= 0 and wall and walls[0], grey[i])
+                row = row_of(sources[1], mark, seen, fresh, step, p, swing, limits)
+                if row >= 0:
+                    second = grey[i] if wall and walls[1] and mark in (OCCUPIED, STALE) else right[row]
+            n_left += first != HIDDEN
+            n_right += second != HIDDEN
+            left_bits |= change(codes[0, i], first)
+            right_bits |= change(codes[1, i], second)
+            codes[0, i], codes[1, i] = first, second
+        changed[0, tile] |= left_bits
+        changed[1, tile] |= right_bits
+    counts[WALLS] += n_walls
+    counts[SHOWN_LEFT] += n_left
+    counts[SHOWN_RIGHT] += n_right
