@@ -112,6 +112,8 @@ export interface ViewState {
   reach: "day" | "week" | "all" | null;
   /** What the timeline was zoomed to. */
   span: [number, number] | null;
+  /** What playing goes round in. */
+  loop: [number, number] | null;
   grid: GridMessage | null;
   frame: FrameMessage | null;
   events: Mark[];
@@ -149,6 +151,16 @@ export interface Series {
   probability: (number | null)[];
   state: (number | null)[];
   observed: (number | null)[];
+}
+
+/** How much was observed in the steps from `time` on, each of `step_s`. */
+export interface Density {
+  time: number[];
+  step_s: number;
+  step_samples: number;
+  measurements: number[];
+  samples: number[];
+  cells: number;
 }
 
 /** What a chart shows. */

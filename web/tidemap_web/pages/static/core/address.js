@@ -46,10 +46,24 @@ function numberIn(text, low, high) {
  */
 const oneOf = (text, choices) => choices.find((choice) => choice === text) ?? choices[0];
 
-/** @param {string | null} text */
-function numbers(text) {
+/**
+ * So many numbers of an address, null where it has others.
+ * @param {string | null} text
+ * @param {number} count
+ */
+function numbers(text, count) {
   const found = (text ?? "").split(",").map(Number);
-  return found.length === 6 && found.every(Number.isFinite) && text ? found : null;
+  return found.length === count && found.every(Number.isFinite) && text ? found : null;
+}
+
+/**
+ * The loop of an address, from a moment to a later one.
+ * @param {string | null} text
+ * @returns {[number, number] | null}
+ */
+function loopIn(text) {
+  const [start, stop] = numbers(text, 2) ?? [0, 0];
+  return start < stop && Math.abs(start) <= FARTHEST && Math.abs(stop) <= FARTHEST ? [start, stop] : null;
 }
 
 /**
@@ -76,7 +90,8 @@ export function readAddress(search) {
     predicted: oneOf(asked.get("predicted"), /** @type {const} */ (["probability", "verdict", "entropy"])),
     observed: oneOf(asked.get("observed"), /** @type {const} */ (["seen", "age"])),
     cell: cellOf(asked.get("cell")),
-    camera: numbers(asked.get("camera")),
+    camera: numbers(asked.get("camera"), 6),
+    loop: loopIn(asked.get("loop")),
     zone: oneOf(asked.get("zone"), /** @type {const} */ (["location", "mine", "UTC"])),
   };
 }
@@ -100,6 +115,7 @@ export function writeAddress(view, search) {
   for (const name of /** @type {const} */ (["floor", "layout", "predicted", "observed", "zone"])) set(name, view[name], DEFAULTS[name]);
   set("walls", view.dim ? null : "coloured");
   set("slice", view.low === null && view.high === null ? null : `${view.low ?? 0}-${view.high ?? 65535}`);
+  set("loop", view.loop?.map(Math.round).join(",") ?? null);
   set("camera", view.camera?.map((value) => Number(value.toFixed(2))).join(",") ?? null);
   return `?${query}`;
 }
@@ -127,7 +143,7 @@ export function keepAddress(state) {
     clearTimeout(timer);
     query = window.location.search;
     const asked = readAddress(query);
-    const elsewhere = asked.location !== state.values.location ? { grid: null, frame: null, events: [], span: null } : {};
+    const elsewhere = asked.location !== state.values.location ? { grid: null, frame: null, events: [], span: null, loop: null } : {};
     state.change({ ...asked, ...elsewhere, playing: false });
   });
 }

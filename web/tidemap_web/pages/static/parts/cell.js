@@ -3,10 +3,10 @@
 import { ask } from "../core/api.js";
 import { colours, verdictOf } from "../core/colours.js";
 import { zoneOf } from "../core/time.js";
+import { windowOf } from "../core/window.js";
 import { clockText, dayText, durationText } from "../core/words.js";
 import { byId as $, reason } from "../dom.js";
 import { pairs } from "./layers.js";
-import { windowOf } from "./timeline.js";
 /** @import { State } from "../core/state.js" */
 /** @import { CellFacts, Series, ViewState } from "../../../../types.d.ts" */
 
