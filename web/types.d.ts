@@ -120,6 +120,26 @@ export interface ViewState {
   playing: boolean;
 }
 
+/** What a location's page shows: the location as it is now, and what is chosen of it. */
+export interface LocationView extends Shared {
+  name: string;
+  isGrid: boolean;
+  path: string;
+  zone: string;
+  interval: number;
+  confidence: number;
+  revision: number;
+  first: number | null;
+  last: number | null;
+}
+
+/** What a location's page and the viewer in it show both; `time` is null where the newest observation is followed. */
+export interface Shared {
+  cell: number | null;
+  time: number | null;
+  span: [number, number] | null;
+}
+
 /** The elements of the pages that are no plain ones, by id. */
 export interface Controls {
   time: HTMLInputElement;
@@ -165,12 +185,13 @@ export interface Density {
 
 /** What a chart shows. */
 export interface ChartState {
-  series: Series;
+  series: Series & { step: number };
   events: (Mark & { probability: number })[];
   outliers: [number, number][];
   last: number;
   confidence: number;
-  step: number;
+  /** The moment that the page shows. */
+  moment(): number | null;
 }
 
 /** An anomaly as the API lists it. */
@@ -239,6 +260,7 @@ export interface Plot {
   valToPos(value: number, scale: string, canvas: boolean): number;
   posToVal(position: number, scale: string): number;
   setSelect(box: { left: number; width: number; top: number; height: number }, fire: boolean): void;
+  redraw(rebuild: boolean, recalculate: boolean): void;
   setSize(size: { width: number; height: number }): void;
   destroy(): void;
 }

@@ -5,6 +5,7 @@ import { setClock } from "./core/clock.js";
 import { State, initialView } from "./core/state.js";
 import { all } from "./dom.js";
 import { mount as mountCell } from "./parts/cell.js";
+import { mount as mountEmbedded } from "./parts/embedded.js";
 import { mount as mountLayers } from "./parts/layers.js";
 import { SceneView } from "./parts/scene.js";
 import { mount as mountTimeline } from "./parts/timeline.js";
@@ -25,6 +26,7 @@ const transport = mountTransport(state, aim);
 const go = (/** @type {number} */ time, /** @type {"push" | "replace"} */ entry) => transport.go(time, entry);
 mountTimeline(all(".timeline")[0], state, go);
 mountCell(state, { embedded, go });
+if (embedded) mountEmbedded(state);
 
 /** @param {KeyboardEvent} event */
 function keys(event) {
