@@ -160,6 +160,10 @@ export interface Controls {
   "observed-layer": HTMLSelectElement;
   "zone-layer": HTMLSelectElement;
   series: HTMLCanvasElement;
+  "take-picture": HTMLButtonElement;
+  "take-loop": HTMLButtonElement;
+  "take-table": HTMLButtonElement;
+  "take-report": HTMLAnchorElement;
   "loading-bar": HTMLProgressElement;
   "settings-form": HTMLFormElement;
   "new-form": HTMLFormElement;
@@ -171,6 +175,17 @@ export interface Series {
   probability: (number | null)[];
   state: (number | null)[];
   observed: (number | null)[];
+}
+
+/** As much of the frame with viser's client as is used. */
+export interface SceneWindow extends Window {
+  __viserMutable?: {
+    canvas: HTMLCanvasElement | null;
+    camera: { fov: number } | null;
+    cameraControl: { distance: number } | null;
+    messageQueue: unknown[];
+    requestRender(): void;
+  };
 }
 
 /** How much was observed in the steps from `time` on, each of `step_s`. */

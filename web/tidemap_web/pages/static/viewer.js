@@ -8,6 +8,7 @@ import { mount as mountCell } from "./parts/cell.js";
 import { mount as mountEmbedded } from "./parts/embedded.js";
 import { mount as mountLayers } from "./parts/layers.js";
 import { SceneView } from "./parts/scene.js";
+import { mount as mountTake } from "./parts/take.js";
 import { mount as mountTimeline } from "./parts/timeline.js";
 import { mount as mountTransport } from "./parts/transport.js";
 /** @import { ViewState } from "../../../types.d.ts" */
@@ -25,6 +26,7 @@ mountLayers(state, aim);
 const transport = mountTransport(state, aim);
 const go = (/** @type {number} */ time, /** @type {"push" | "replace"} */ entry) => transport.go(time, entry);
 mountTimeline(all(".timeline")[0], state, go);
+mountTake(state);
 mountCell(state, { embedded, go });
 if (embedded) mountEmbedded(state);
 

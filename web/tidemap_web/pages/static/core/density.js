@@ -5,7 +5,7 @@
 /** @typedef {{ start: number, stop: number, share: number, measurements: number }} Bar */
 
 /**
- * Bars of what was observed: the share of the highest, by its square root, so that a single look is seen beside many.
+ * Bars of what was observed: the share of the highest, by its square root, so that a single reading is seen beside many.
  * @param {Density} density
  * @returns {Bar[]}
  */
