@@ -139,6 +139,8 @@ export interface ViewState {
   reach: "day" | "week" | "all" | null;
   /** What the timeline was zoomed to. */
   span: [number, number] | null;
+  /** What playing goes round in. */
+  loop: [number, number] | null;
   grid: GridMessage | null;
   frame: FrameMessage | null;
   events: Mark[];
@@ -190,6 +192,10 @@ export interface Controls {
   "observed-layer": HTMLSelectElement;
   "zone-layer": HTMLSelectElement;
   series: HTMLCanvasElement;
+  "take-picture": HTMLButtonElement;
+  "take-loop": HTMLButtonElement;
+  "take-table": HTMLButtonElement;
+  "take-report": HTMLAnchorElement;
   "loading-bar": HTMLProgressElement;
   "settings-form": HTMLFormElement;
   "new-form": HTMLFormElement;
@@ -201,6 +207,27 @@ export interface Series {
   probability: (number | null)[];
   state: (number | null)[];
   observed: (number | null)[];
+}
+
+/** As much of the frame with viser's client as is used. */
+export interface SceneWindow extends Window {
+  __viserMutable?: {
+    canvas: HTMLCanvasElement | null;
+    camera: { fov: number } | null;
+    cameraControl: { distance: number } | null;
+    messageQueue: unknown[];
+    requestRender(): void;
+  };
+}
+
+/** How much was observed in the steps from `time` on, each of `step_s`. */
+export interface Density {
+  time: number[];
+  step_s: number;
+  step_samples: number;
+  measurements: number[];
+  samples: number[];
+  cells: number;
 }
 
 /** What a chart shows. */

@@ -66,6 +66,8 @@ QUESTIONS = [
     *(ask(f"{DOOR}/series?cell={value}", "cell") for value in ("x", "1.5", "", "1e3")),
     *(ask(f"{DOOR}/series?step={value}", "step") for value in ("0", "-1", "nan", "x", "1e-320", "1e-300", "1e-3")),
     ask(f"{DOOR}/series?start=10&stop=9", "stop", "swap"),
+    ask(f"{DOOR}/density?start=10&stop=9", "stop", "swap"),
+    *(ask(f"{DOOR}/density?bins={value}", "bins") for value in ("0", "1001", "x")),
     ask(f"{DOOR}/series?start=-6e10&stop=6e10", "step", "longer step"),
     ask(f"{DOOR}/series?start=x", "start", "ISO 8601"),
     ask(f"{DOOR}/series?stop=2026-03-01T00:00:00", "stop", "zone"),

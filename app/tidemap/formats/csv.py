@@ -36,6 +36,19 @@ def read(content: bytes, wanted: Sequence[str]) -> Mapping[str, list[str]]:
     return _columns(rows, names, wanted)
 
 
+def write(columns: Mapping[str, Sequence[object]]) -> bytes:
+    """A table with the names of equally long columns in its first line; None is an empty field.
+
+    >>> write({"time_s": [0.5, 60.0], "note": ["a, b", None]})
+    b'time_s,note\\n0.5,"a, b"\\n60.0,\\n'
+    """
+    text = io.StringIO(newline="")
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(columns)
+    table.writerows(zip(*columns.values(), strict=True))
+    return text.getvalue().encode()
+
+
 def times(texts: Sequence[str]) -> NDArray[np.float64]:
     """Unix seconds (n,) of times in seconds or in ISO 8601 with a zone. Raises UnreadableBodyError."""
     found = np.empty(len(texts))

@@ -86,6 +86,19 @@ class SeriesAnswer(Answer):
     revision: int
 
 
+class DensityAnswer(Answer):
+    """How much was observed in each step [time, time + step_s) of a stretch of time, of whole samples."""
+
+    time: list[float]
+    step_s: float
+    step_samples: int = Field(description="Samples in a step.")
+    measurements: list[int] = Field(
+        description="Of all cells, one a sample where history has them by now, as they came where it has not."
+    )
+    samples: list[int] = Field(description="Samples in which any cell was observed.")
+    cells: int = Field(description="How many cells were counted: of a very large map some stand for all.")
+
+
 class BestTime(Answer):
     """A time at which looking is worth most; `information` in nats, summed over the region."""
 

@@ -215,6 +215,18 @@ def unpack_segment(blob: bytes, number: int, what: str) -> Segment:
     )
 
 
+def observed_counts(blob: bytes, what: str) -> NDArray[np.int64]:
+    """(SEGMENT_SAMPLES,) how many cells of a packed segment were observed in each sample. Raises CorruptChunkError.
+
+    Of distinct rows and samples alone, which is some ten times faster than to unpack them.
+    """
+    columns = cast(dict[str, Any], unseal(blob, what, "seen", "sample", "row"))
+    seen = np.unpackbits(columns["seen"], axis=1, bitorder="little")
+    alike = np.bincount(columns["row"], minlength=seen.shape[1])
+    counts: NDArray[np.int64] = (seen @ alike)[columns["sample"]]
+    return counts
+
+
 def _signed(folded: NDArray[np.unsignedinteger[Any]]) -> NDArray[np.int32]:
     """Whole numbers that are stored as 0, -1, 1, -2, … of 0, 1, 2, 3, …"""
     half = (folded >> 1).astype(np.int32)

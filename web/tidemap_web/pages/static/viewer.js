@@ -10,6 +10,7 @@ import { mount as mountLayers } from "./parts/layers.js";
 import { mount as mountBuilding } from "./parts/building.js";
 import { mount as mountCrop } from "./parts/crop.js";
 import { SceneView } from "./parts/scene.js";
+import { mount as mountTake } from "./parts/take.js";
 import { mount as mountTimeline } from "./parts/timeline.js";
 import { mount as mountTransport } from "./parts/transport.js";
 /** @import { ViewState } from "../../../types.d.ts" */
@@ -29,6 +30,7 @@ mountBuilding(state, embedded);
 const transport = mountTransport(state, aim);
 const go = (/** @type {number} */ time, /** @type {"push" | "replace"} */ entry) => transport.go(time, entry);
 mountTimeline(all(".timeline")[0], state, go);
+mountTake(state);
 mountCell(state, { embedded, go });
 if (embedded) mountEmbedded(state);
 

@@ -5,10 +5,10 @@ import { colours, verdictOf } from "../core/colours.js";
 import { lastSeenText, probabilityText } from "../core/facts.js";
 import { drawStrips } from "../core/strips.js";
 import { zoneOf } from "../core/time.js";
+import { windowOf } from "../core/window.js";
 import { clockText, dayText } from "../core/words.js";
 import { byId as $, reason } from "../dom.js";
 import { pairs } from "./layers.js";
-import { windowOf } from "./timeline.js";
 /** @import { State } from "../core/state.js" */
 /** @import { CellFacts, Series, ViewState } from "../../../../types.d.ts" */
 
