@@ -455,6 +455,20 @@ class ClusterUnavailableError(BusyError):
         )
 
 
+class WorkersDiedError(DomainError):
+    """Every worker of the Dask cluster that began a task died meanwhile."""
+
+    code = "workers-died"
+    title = "Workers died"
+
+    def __init__(self, task: str, last_worker: str) -> None:
+        super().__init__(
+            f"Each worker of the Dask cluster that began {task} died before its end, the last one at {last_worker}. "
+            "Nothing of this update is visible. Their logs say why; where their memory is too small, give them more or "
+            "lower TIDEMAP_UPDATE_THREADS. Then update again."
+        )
+
+
 class CorruptChunkError(DomainError):
     """A stored blob fails its checksum or cannot be read."""
 

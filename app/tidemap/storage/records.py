@@ -293,7 +293,7 @@ class AnomalyRecord:
 
 @dataclass(frozen=True)
 class JobRecord:
-    """Long work; `request` and `result` are plain JSON values."""
+    """Long work; `request` and `result` are plain JSON values. waiting: what keeps it from going on."""
 
     location_id: int
     location: str
@@ -303,6 +303,7 @@ class JobRecord:
     progress: float
     request: dict[str, Any]
     error: str | None
+    waiting: str | None
     result: dict[str, Any] | None
     created_at: float
     finished_at: float | None
