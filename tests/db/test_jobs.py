@@ -88,7 +88,7 @@ def test_what_a_job_waits_for_is_no_error_and_ends_with_it(store: Store, locatio
 
 def begin(number: int, work: Work) -> None:
     work.jobs.transition(number, "queued", state="running")
-    work.jobs.progress(number, 0.5)
+    work.jobs.progress(work.jobs.get(number).location_id, number, 0.5)
 
 
 def test_what_was_running_when_the_process_ended_runs_again(store: Store, location: LocationRecord) -> None:

@@ -122,7 +122,7 @@ def _reporter(ctx: Context, record: JobRecord) -> Callable[[float], None]:
         if progress - reported >= PROGRESS_STEP and progress < 1:
             reported = progress
             with suppress(BusyError):
-                ctx.store.submit(lambda work: work.jobs.progress(record.id, progress))
+                ctx.store.submit(lambda work: work.jobs.progress(record.location_id, record.id, progress))
 
     return report
 
