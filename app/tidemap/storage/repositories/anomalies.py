@@ -165,10 +165,8 @@ class AnomalyRepository:
 
     def acknowledge(self, anomaly_id: int, by: str, at: float, note: str | None) -> AnomalyRecord:
         """Raises AnomalyNotFoundError. Acknowledging again replaces who, when and the note."""
-        values = {"acknowledged": True, "acknowledged_by": by, "acknowledged_at": at, "note": note}
-        known = self._locked(anomaly_id)
-        self._connection.execute(update(anomaly).where(anomaly.c.id == known).values(**values))
-        return self.get(known)
+        known = replace(self.locked(anomaly_id), acknowledged_by=by, acknowledged_at=at, note=note)
+        return self.mark([known])[0]
 
     def locked(self, anomaly_id: int) -> AnomalyRecord:
         """As `get`, and nobody else changes it meanwhile. Raises AnomalyNotFoundError."""
