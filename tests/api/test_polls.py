@@ -12,7 +12,8 @@ from tests.api.house import HOUR, NOW, Api, Http, done, open_house, problem
 from tests.api.routes import bearer
 from tests.support.waiting import until
 from tidemap.api.main import create_app
-from tidemap.services.anomalies import Anomaly, EventQuery, acknowledge, list_events
+from tidemap.services.acknowledging import acknowledge
+from tidemap.services.anomalies import Anomaly, EventQuery, list_events
 from tidemap.services.context import Context, open_context
 from tidemap.services.keys import delete_key
 from tidemap.settings import Settings

@@ -27,7 +27,7 @@ MAX_ANSWERS = 1024
 MAX_QUERY_BYTES = 1024
 BELIEVED_S = 1.0
 """How long an answer stands where what other processes store is heard of alone: some of it makes no message."""
-COUNTED = EventFilter(kinds=frozenset({"anomaly", "location"}))
+COUNTED = EventFilter(kinds=frozenset({"anomaly", "location", "attention"}))
 
 Question = tuple[str, bytes, bytes | None]
 """Path, query, and the hash of the secret that is sent as a header."""
