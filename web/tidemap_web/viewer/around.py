@@ -62,6 +62,11 @@ class AroundDrawing:
             add_lines(self._scene, f"{name}/path", np.stack([points[:-1], points[1:]], axis=1), colors.TRACK)
         size = 2 * layout.marker_m
         self._scene.add_frame(
-            f"{name}/pose", axes_length=size, axes_radius=size / 12, wxyz=track.wxyz, position=points[-1]
+            f"{name}/pose",
+            axes_length=size,
+            axes_radius=size / 16,
+            origin_color=colors.TRACK,
+            wxyz=track.wxyz,
+            position=points[-1],
         )
         add_label(self._scene, f"{name}/label", track.source or "sensor", points[-1] + [0.0, 0.0, size], 1.0)
