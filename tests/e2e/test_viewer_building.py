@@ -171,10 +171,10 @@ def test_doors_stand_in_the_scene_as_they_are_with_the_way_to_their_pages(hall: 
 def test_sensors_stand_where_they_were_with_the_way_of_the_last_hour(hall: Hall, page: Page) -> None:
     viewer = Viewer.open(page, hall.url, "hall", MORNING, dim=True)
     expect(page.locator("#sensors-legend")).to_be_visible()
-    viewer.until(lambda: viewer.shows_about(colors.TRACK, "right") > 20)
+    viewer.until(lambda: viewer.shows(colors.TRACK, "right") > 10)
     viewer.go(MORNING + timedelta(minutes=90))
     expect(page.locator("#sensors-legend")).to_be_hidden()
-    viewer.until(lambda: viewer.shows_about(colors.TRACK, "right") < 20)
+    viewer.until(lambda: viewer.shows(colors.TRACK, "right") == 0)
 
 
 def test_a_server_that_hangs_is_noticed_and_so_is_its_return(server: StartServer, page: Page) -> None:
