@@ -246,9 +246,6 @@ class Scene:
             np.array([centre[0], layout.high[1] + shift[1], layout.high[2]]),
             1.3,
         )
-        if not layout.flat:
-            height = np.array([layout.low[0] - layout.margin_m, layout.high[1], layout.high[2]])
-            add_label(self.client.scene, f"/{name}/axes/z", f"z {layout.high[2]:g} m", height + shift, 0.8)
         for tick in layout.ticks():
             add_label(
                 self.client.scene, f"/{name}/axes/{tick.name}", tick.text, np.array([*tick.at, bottom]) + shift, 0.8
