@@ -1,5 +1,7 @@
 """Doors and rooms of a building in both databases: which stand in a frame, and the state of each at a time."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from tests.support.contexts import NOW, make_location, post_states, refit
@@ -7,7 +9,8 @@ from tidemap.history.history import UNOBSERVED
 from tidemap.scope import Scope
 from tidemap.services.building import posed_at, posed_models
 from tidemap.services.context import Context
-from tidemap.services.spectra import fitted
+from tidemap.services.locations import delete_location
+from tidemap.services.spectra import Fitted, fitted
 from tidemap.spectral.prediction import predict
 
 AT = {"frame": "building", "position": [1.0, 2.0, 0.5]}
@@ -39,3 +42,13 @@ def test_what_stands_in_a_frame_has_the_state_of_its_model_and_as_it_was_seen(ct
         assert (door.observed, hatch.observed, new.observed) == (seen, seen, UNOBSERVED)
         assert door.observed_time == models[0].location.base.time(models[0].location.base.sample(min(time, NOW - 60)))
     assert posed_at(ctx, models, NOW - 90000)[0].observed == UNOBSERVED
+
+
+def test_what_is_deleted_while_it_is_asked_for_is_left_out(ctx: Context) -> None:
+    for name in ("door", "hatch"):
+        make_door(ctx, name)
+    models = posed_models(ctx, "building")
+    posed_at(ctx, models, NOW)
+    ahead = [Fitted(replace(each.location, observation_seq=99), each.loaded) for each in models]
+    delete_location(ctx, "door")
+    assert [state.location.name for state in posed_at(ctx, ahead, NOW)] == ["hatch"]

@@ -61,9 +61,9 @@ def rgb(value: np.ndarray[tuple[int], np.dtype[np.uint8]]) -> colors.Rgb:
 
 def test_the_amplitude_of_the_day_has_the_colour_of_its_legend(hall: Hall, page: Page) -> None:
     viewer = Viewer.open(page, hall.url, "hall", MORNING)
-    page.get_by_label("Predicted", exact=True).select_option("day")
+    page.locator("#predicted-layer").select_option("day")
     page.wait_for_url("**predicted=day*")
-    expect(page.get_by_text("amplitude of the day: how much p goes up and down")).to_be_visible()
+    expect(page.get_by_text("amplitude of p over the day")).to_be_visible()
     midnight = MORNING.replace(hour=0, minute=0).timestamp()
     asked = {"time": [midnight + 3600 * hour for hour in range(24)], "cell": [cell(SHUT)], "given": "model"}
     p = np.array(post(hall.url, "/locations/hall/predict", asked)["probability"][0])
@@ -171,10 +171,10 @@ def test_doors_stand_in_the_scene_as_they_are_with_the_way_to_their_pages(hall: 
 def test_sensors_stand_where_they_were_with_the_way_of_the_last_hour(hall: Hall, page: Page) -> None:
     viewer = Viewer.open(page, hall.url, "hall", MORNING, dim=True)
     expect(page.locator("#sensors-legend")).to_be_visible()
-    viewer.until(lambda: viewer.shows_about(colors.TRACK, "right", 12) > 20)
+    viewer.until(lambda: viewer.shows(colors.TRACK, "right") > 10)
     viewer.go(MORNING + timedelta(minutes=90))
     expect(page.locator("#sensors-legend")).to_be_hidden()
-    viewer.until(lambda: viewer.shows_about(colors.TRACK, "right", 12) < 20)
+    viewer.until(lambda: viewer.shows(colors.TRACK, "right") == 0)
 
 
 def test_a_server_that_hangs_is_noticed_and_so_is_its_return(server: StartServer, page: Page) -> None:

@@ -1,16 +1,17 @@
 """Building: the doors and rooms that stand in a frame, and the state of each at a time."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from tidemap.errors import CorruptChunkError
+from tidemap.errors import CorruptChunkError, LocationNotFoundError
 from tidemap.history.history import UNOBSERVED
 from tidemap.scope import EVERYWHERE, Scope
 from tidemap.services.context import Context
-from tidemap.services.films import make_film, seen_at
+from tidemap.services.films import small_film
 from tidemap.services.map_view import unmodelled
 from tidemap.services.spectra import Fitted, held_fit, stored
 from tidemap.spectral.prediction import predict
@@ -57,13 +58,17 @@ def posed_models(ctx: Context, frame: str, scope: Scope = EVERYWHERE) -> list[Fi
 
 
 def posed_at(ctx: Context, models: Sequence[Fitted], time: float) -> list[PosedState]:
-    """Their states at a time (Unix seconds)."""
-    return [_posed_at(ctx, model, time) for model in models]
+    """Their states at a time (Unix seconds), without those that have been deleted meanwhile."""
+    states = []
+    for model in models:
+        with suppress(LocationNotFoundError):
+            states.append(_posed_at(ctx, model, time))
+    return states
 
 
 def _posed_at(ctx: Context, model: Fitted, time: float) -> PosedState:
     probability = float(predict(model.spectrum, time, CELLS)[0]) if model.revision.revision else np.nan
-    seen = seen_at(ctx, model.location, time) or make_film(ctx, model, time)
+    seen = small_film(ctx, model, time)
     observed = int(seen.state[0])
     at = None if observed == UNOBSERVED else float(model.location.base.time(seen.sample[0]))
     return PosedState(model.location, probability, observed, at)

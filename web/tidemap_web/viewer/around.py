@@ -46,7 +46,7 @@ class AroundDrawing:
             add_markers(self._scene, f"{name}/points", points, each, layout.marker_m)
             last = side == layout.beside
             for number, marker in enumerate(around.markers[:MAX_LABELS] if last else ()):
-                above = points[number] + [0.0, 0.0, layout.marker_m]
+                above = points[number] + [0.0, 1.2 * layout.marker_m, 1.2 * layout.marker_m]
                 add_label(self._scene, f"{name}/{number}", marker.name, above, 1.0)
 
     def _show_tracks(self, around: Around, layout: Layout) -> None:
@@ -60,8 +60,15 @@ class AroundDrawing:
         points = track.points + layout.shift * side
         if len(points) > 1:
             add_lines(self._scene, f"{name}/path", np.stack([points[:-1], points[1:]], axis=1), colors.TRACK)
+        each = np.full(points.shape, colors.TRACK, np.uint8)
+        add_markers(self._scene, f"{name}/poses", points, each, layout.marker_m / 3)
         size = 2 * layout.marker_m
         self._scene.add_frame(
-            f"{name}/pose", axes_length=size, axes_radius=size / 12, wxyz=track.wxyz, position=points[-1]
+            f"{name}/pose",
+            axes_length=size,
+            axes_radius=size / 16,
+            origin_color=colors.TRACK,
+            wxyz=track.wxyz,
+            position=points[-1],
         )
         add_label(self._scene, f"{name}/label", track.source or "sensor", points[-1] + [0.0, 0.0, size], 1.0)

@@ -19,7 +19,7 @@ MISSING: Rgb = (87, 200, 255)  # observed free where the prediction says occupie
 STALE: Rgb = (93, 58, 6)  # last seen occupied, too long ago to be judged
 STRUCTURE: tuple[Rgb, Rgb] = ((76, 73, 78), (97, 96, 95))  # what is always occupied, lowest to highest
 SELECTED: Rgb = (162, 96, 255)
-UNKNOWN: Rgb = STRUCTURE[1]  # a door or a room of which nothing is known
+UNKNOWN: Rgb = STRUCTURE[1]  # a door or a room without a model, or never seen
 CROP: Rgb = (120, 126, 136)
 TRACK: Rgb = (235, 255, 250)  # where a sensor has been
 

@@ -60,7 +60,7 @@ class Layout:
     @property
     def marker_m(self) -> float:
         """Half the size of a marker: seen from far, and no smaller than a cell."""
-        return max(0.6 * self.grid.resolution_m, 0.012 * float(max(self.size[:2])))
+        return max(0.6 * self.grid.resolution_m, 0.018 * float(max(self.size[:2])))
 
     @property
     def margin_m(self) -> float:

@@ -15,11 +15,12 @@ from tidemap.services.locations import LocationSummary
 from tidemap.services.map_view import MapQuery, MapView, day_of
 from tidemap.space.grid import Extent, GridGeometry
 from tidemap_web.viewer import report
-from tidemap_web.viewer.board import NO_SWING, WHOLE, Board, Crop, Taste
+from tidemap_web.viewer.asked import taste_of
+from tidemap_web.viewer.board import NO_SWING, WHOLE, Board, Taste
 from tidemap_web.viewer.events import boxes
 from tidemap_web.viewer.hits import NO_HIT, Hit, hit_of
 from tidemap_web.viewer.layout import Layout, arrange
-from tidemap_web.viewer.messages import MAX_STEPS, Aim, PageMessage, Select, ViewRequest
+from tidemap_web.viewer.messages import Aim, PageMessage, Select, ViewRequest
 from tidemap_web.viewer.news import Fresh
 from tidemap_web.viewer.painted import PaintedView
 from tidemap_web.viewer.painting import BY_DAY
@@ -30,7 +31,6 @@ from tidemap_web.viewer.surroundings import Marker, Surroundings
 
 _log = logging.getLogger(__name__)
 ACKNOWLEDGE_S: Final = 15.0
-FRESH_S: Final = 3600.0
 BELIEVED_S: Final = 2.0
 """How long a location is taken to be as it was; what this process changes is noticed at once."""
 TITLES: Final = {
@@ -206,7 +206,7 @@ class Painter:
             return None
         board, layout = self._lay(location, location.grid, view, request)
         seen = self._seen(query, view)
-        taste = _taste(request, location)
+        taste = taste_of(request, location)
         picture = board.paint(view, seen, taste, self._swing(view, taste))
         around = self._around.at(location, view.time, request.confidence, overlaid=not layout.beside)
         return PaintedView(location, view, seen, board, picture, layout, taste, around)
@@ -280,19 +280,6 @@ class Painter:
             _log.debug("a browser did not acknowledge an update in %g s", ACKNOWLEDGE_S)
         except ConnectionError:
             self._scene = self._drawn = None
-
-
-def _taste(request: ViewRequest, location: LocationSummary) -> Taste:
-    fresh_s = max(FRESH_S, 2 * location.interval_s)
-    return Taste(
-        request.floor, fresh_s, request.dim, _crop(request), request.layout, request.predicted, request.observed
-    )
-
-
-def _crop(request: ViewRequest) -> Crop:
-    i0, i1, j0, j1 = request.crop or (0, MAX_STEPS, 0, MAX_STEPS)
-    low, high = 0 if request.low is None else request.low, MAX_STEPS if request.high is None else request.high
-    return i0, j0, low, i1, j1, high
 
 
 def _index(shown: PaintedView, cell: int | None) -> NDArray[np.int64] | None:

@@ -13,11 +13,11 @@ from tidemap.services.robots import SensorTrack
 from tidemap.services.spectra import Fitted
 from tidemap.spectral.prediction import VERDICTS, verdict
 from tidemap_web.viewer import colors
+from tidemap_web.viewer.asked import fresh_s_of
 from tidemap_web.viewer.news import Fresh
 from tidemap_web.viewer.painting import EXPECTED_FREE, MISSING, OCCUPIED, STALE, UNEXPECTED, mark_of
 from tidemap_web.viewer.source import Source
 
-FRESH_S: Final = 3600.0
 TRACK_S: Final = 3600.0
 """How far back the track of a sensor is shown."""
 KEPT_S: Final = 1800.0
@@ -138,8 +138,7 @@ def _track(track: SensorTrack, start: float, stop: float) -> Track | None:
 def _marker(state: PosedState, time: float, confidence: float | None, overlaid: bool) -> Marker:
     location, p = state.location, state.probability
     limit = location.confidence if confidence is None else confidence
-    fresh_s = max(FRESH_S, 2 * location.interval_s)
-    fresh = state.observed_time is not None and state.observed_time >= time - fresh_s
+    fresh = state.observed_time is not None and state.observed_time >= time - fresh_s_of(location)
     mark = mark_of(state.observed, fresh, np.float32(p), np.float32(limit))
     said = None if np.isnan(p) else VERDICTS[int(verdict(np.float32(p), limit))]
     seen = MARK_COLORS.get(mark, colors.UNKNOWN)

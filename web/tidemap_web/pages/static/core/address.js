@@ -29,7 +29,7 @@ export function cellOf(text) {
 }
 
 /**
- * The camera of an address: where it is, what it looks at, and how wide it sees where that is not as usual.
+ * The camera of an address: where it is, what is in its middle, and how wide it sees where that is not as usual.
  * @param {string | null} text
  */
 const cameraOf = (text) => numbers(text, 6) ?? numbers(text, 7);

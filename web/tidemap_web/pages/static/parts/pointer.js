@@ -18,14 +18,14 @@ export class Pointer {
     this.ask = ask;
     /** @type {[number, number] | null} where it is, in shares of the scene */
     this.at = null;
-    /** @type {[number, number] | null} of which there is no answer yet */
+    /** @type {[number, number] | null} that was asked about, while there is no answer */
     this.asked = null;
     // What is there may have changed meanwhile.
     state.subscribe((changed) => changed.has("frame") && this.inquire());
   }
 
   /** @param {Window} scene */
-  follow(scene) {
+  watch(scene) {
     this.asked = null;
     scene.addEventListener("pointermove", (event) => {
       if (event.buttons || event.pointerType === "touch") return this.left();

@@ -93,7 +93,7 @@ export class SceneView {
     fresh.src = `${this.address}#${this.token}`;
     fresh.addEventListener("load", () => {
       fresh.contentWindow?.addEventListener("keydown", (event) => this.keys(event), true);
-      if (fresh.contentWindow) this.pointer.follow(fresh.contentWindow);
+      if (fresh.contentWindow) this.pointer.watch(fresh.contentWindow);
     });
     $("scene").replaceWith(fresh);
     this.loading("Loading the 3D scene", null);
@@ -190,7 +190,7 @@ export class SceneView {
   }
 }
 
-/** What the server answers to who looks at the viewer; undefined where it does not answer. */
+/** What the server answers to who may open the viewer; undefined where it does not answer. */
 async function sessionsStatus() {
   const answer = await fetch("/view/sessions", { signal: AbortSignal.timeout(CHECK_MS) }).catch(() => null);
   return answer?.status;
