@@ -39,11 +39,12 @@ def main(arguments: list[str]) -> int:
     IMAGES.mkdir(exist_ok=True)
     with demo(arguments) as url, launch(executable) as browser, driving(browser):
         with browser.new_context(viewport=SIZE, color_scheme="light") as context:
-            view(context.new_page(), url)
+            (IMAGES / "viewer.png").write_bytes(view(context.new_page(), url))
         for size, viewport in SIZES.items():
             for scheme in SCHEMES:
                 with browser.new_context(viewport=viewport, color_scheme=scheme) as context:
                     lists(context.new_page(), url, f"{size}-{scheme}")
+                    plan(context.new_page(), url, f"{size}-{scheme}")
     return 0
 
 
@@ -77,14 +78,21 @@ def lists(page: Page, url: str, kind: str) -> None:
         (IMAGES / f"{name}-{kind}.png").write_bytes(settled(page))
 
 
-def view(page: Page, url: str) -> None:
+def plan(page: Page, url: str, kind: str) -> None:
+    """The same from above, as a plan of the building with its doors and rooms."""
+    view(page, url)
+    page.keyboard.press("2")
+    (IMAGES / f"plan-{kind}.png").write_bytes(settled(page))
+
+
+def view(page: Page, url: str) -> bytes:
     """The viewer at the moment when most was abnormal at once."""
     with Client(url) as tidemap:
         events = list(tidemap.location(BUILDING).anomalies())
     most = max(events, key=lambda event: (len(event.cells), event.start))
     page.goto(f"{url}/view/?location={BUILDING}&time={most.start}")
     wait_until(lambda: drawn(page), DRAWN_S)
-    (IMAGES / "viewer.png").write_bytes(settled(page))
+    return settled(page)
 
 
 def drawn(page: Page) -> bool:

@@ -368,6 +368,16 @@ class RateLimitError(BusyError):
         self.retry_after_s = retry_after_s
 
 
+class TooManyTabsError(BusyError):
+    """Another tab of the viewer than one key may have open."""
+
+    def __init__(self, most: int) -> None:
+        super().__init__(
+            f"{most} tabs of the viewer are open with this key, and this server allows no more. Close one of them, and "
+            "this one opens by itself; TIDEMAP_VIEWER_TABS sets how many there may be."
+        )
+
+
 class KeyChangedError(BusyError):
     """The key was changed between the first look at it and this request, and is valid."""
 

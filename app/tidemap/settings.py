@@ -173,6 +173,12 @@ class Settings(BaseSettings):
         "default `secret.key` in `data`. Servers of one database share it. Keep a copy, apart from the database's.",
     )
     viewer: bool = Field(True, description="Run the 3D viewer.")
+    viewer_tabs: int = Field(
+        50,
+        gt=0,
+        description="Tabs of the viewer that may be open with one key, or all of them where no key is needed; one more "
+        "is refused and says so. Each has a thread, and takes memory as its map is large.",
+    )
     log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="How much to log.")
     log_format: Literal["text", "json"] = Field("text", description="Lines for people, or an object of JSON a line.")
     access_log: bool = Field(False, description="Log every request: method, path, status, time and address.")

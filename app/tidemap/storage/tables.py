@@ -131,6 +131,7 @@ scan = Table(
     Column("payload", LargeBinary),
     Index("ix_scan_idempotency", "location_id", "idempotency_key", unique=True),
     Index("ix_scan_verdict", "location_id", "verdict"),
+    Index("ix_scan_time", "location_id", "time"),
 )
 
 # Cell-major history: one row per chunk of cells and segment of samples.

@@ -78,6 +78,12 @@ class LocationRepository:
             query = query.where(location_table.c.name > after)
         return [LocationRecord.of(row) for row in self._connection.execute(query).mappings()]
 
+    def posed(self, scope: Scope = EVERYWHERE) -> Sequence[LocationRecord]:
+        """The states in scope that stand somewhere, in order of their names."""
+        query = select(location_table).where(location_table.c.kind == "state", location_table.c.pose.is_not(None))
+        query = query.where(inside(location_table.c.name, scope)).order_by(location_table.c.name)
+        return [LocationRecord.of(row) for row in self._connection.execute(query).mappings()]
+
     def names(self) -> dict[int, str]:
         """Name by id."""
         rows = self._connection.execute(select(location_table.c.id, location_table.c.name))

@@ -92,6 +92,7 @@ function showSlice(view) {
 /** @param {ViewState} view */
 function showLegend(view) {
   for (const part of all("[data-when]")) part.hidden = !(part.dataset.when ?? "").split(" ").some((when) => shown(view, when));
+  $("sensors-legend").hidden = !view.frame?.sensors;
   for (const part of all(".structure")) part.hidden = !view.dim || view.predicted === "entropy" || view.layout === "difference";
 }
 
