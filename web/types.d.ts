@@ -178,6 +178,7 @@ export interface ChartState {
   outliers: [number, number][];
   last: number;
   confidence: number;
+  span: [number, number];
   /** The moment that the page shows. */
   moment(): number | null;
 }
