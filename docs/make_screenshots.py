@@ -72,6 +72,7 @@ def lists(page: Page, url: str, kind: str) -> None:
         ("location", f"/locations/{door}", ".week"),
         ("report", f"/locations/{door}/report", "#week table"),
         ("anomalies", "/anomalies?state=all", "main"),
+        ("api", "/api/docs#get_state", "#get_state[open]"),
     ):
         page.goto(url + path)
         page.locator(drawn_when).first.wait_for()

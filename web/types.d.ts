@@ -160,7 +160,7 @@ export interface LocationView extends Shared {
   last: number | null;
 }
 
-/** What a location's page and the viewer in it show both; `time` is null where the newest observation is followed. */
+/** What a location's page and the viewer in it show both; `time` is null where it is that of the newest observation. */
 export interface Shared {
   cell: number | null;
   time: number | null;
@@ -237,6 +237,7 @@ export interface ChartState {
   outliers: [number, number][];
   last: number;
   confidence: number;
+  span: [number, number];
   /** The moment that the page shows. */
   moment(): number | null;
 }
@@ -313,11 +314,6 @@ export interface Plot {
 }
 
 declare global {
-  const SwaggerUIBundle: {
-    (how: object): void;
-    presets: { apis: object };
-    SwaggerUIStandalonePreset: object;
-  };
   const uPlot: new (options: object, data: unknown[], host: HTMLElement) => Plot;
   const htmx: {
     ajax(method: string, address: string, how: { target: string; swap: string }): Promise<void>;

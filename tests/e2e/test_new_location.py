@@ -89,7 +89,7 @@ class Robot:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.heard: list[Callable[[Any], object]] = []
         self.given: dict[str, Any] = {"node": self}
-        names = {
+        names: dict[str, dict[str, Any]] = {
             "std_msgs.msg": {"Bool": object},
             "nav_msgs.msg": {"OccupancyGrid": object},
             "sensor_msgs.msg": {"PointCloud2": object},

@@ -15,10 +15,12 @@ from PIL import Image
 from playwright.sync_api import Page, expect
 
 from tests.e2e.test_keys import make_key
-from tests.support.pages import PAGES, VIEWER, barriers, loading, make_door, no_complaints
+from tests.support.pages import PAGES, START, VIEWER, barriers, loading, make_door, no_complaints
 from tests.support.paths import ROOT
 from tests.support.server import ServerProcess, StartServer
 from tests.support.viewer import make_grid, post
+
+DAY_S = 86400
 
 
 @pytest.fixture(scope="module")
@@ -133,10 +135,16 @@ def test_how_well_it_is_predicted_is_shown_when_asked(site: str, page: Page) -> 
 def test_an_update_is_asked_for_and_comes_to_its_end(server: StartServer, page: Page) -> None:
     process = server()
     make_door(process.url, "door")
+    wrong = {"time": [START.timestamp()], "state": [7]}
+    address = f"{process.url}/api/v1/locations/door/observations?source=rover"
+    assert httpx.post(address, json=wrong, trust_env=False).status_code == 422
     page.goto(f"{process.url}/locations/door")
     page.get_by_role("button", name="Update now").click()
     expect(page.locator("#work")).to_contain_text("revision 2", timeout=60_000)
     expect(page.locator("#work")).to_contain_text("without a name")
+    expect(page.get_by_role("row", name="rover").locator("td[data-label='Refused']")).to_contain_text(
+        re.compile(r"^\s*1 since .*state\[0\]", re.DOTALL)
+    )
     expect(page.locator("#history .legend")).to_contain_text("by revision 2", timeout=60_000)
     page.get_by_label("Confidence").fill("0.2")
     page.get_by_role("button", name="Save").click()
@@ -212,7 +220,70 @@ def test_a_grid_shows_the_viewer_and_the_chart_of_a_cell(site: str, page: Page) 
     page.goto(f"{site}/locations/lab?cell=121&time=2026-03-05T10:00:00Z")
     expect(viewer.locator("#date")).to_have_text("Thu 5 Mar 2026")
     expect(viewer.locator("#clock")).to_have_text("10:00:00")
-    expect(page.get_by_role("link", name="Open the viewer alone")).to_have_attribute("href", "/view/?location=lab")
+    alone = "/view/?location=lab&cell=121&time=1772704800"
+    expect(page.get_by_role("link", name="Open the viewer alone")).to_have_attribute("href", alone)
+
+
+def test_a_page_and_its_viewer_show_one_cell_one_moment_and_one_range(site: str, page: Page) -> None:
+    moment = int(datetime(2026, 3, 5, 10, tzinfo=UTC).timestamp())
+    last = int(datetime(2026, 3, 9, 23, 30, tzinfo=UTC).timestamp())
+    page.goto(f"{site}/locations/lab?cell=121&time={moment}")
+    viewer = page.frame_locator("iframe.viewer")
+    expect(viewer.locator("#clock")).to_have_text("10:00:00", timeout=30_000)
+    slider = viewer.locator("#time")
+    expect(slider).to_have_attribute("min", str(moment - DAY_S // 2))
+    viewer.get_by_role("button", name="+1 h").click()
+    expect(page).to_have_url(re.compile(f"time={moment + 3600}$"))
+
+    page.get_by_role("button", name="Day").click()
+    expect(slider).to_have_attribute("min", str(last - DAY_S))
+    expect(slider).to_have_attribute("max", str(last + DAY_S))
+    plot = page.locator("#chart .u-over")
+    expect(plot).to_be_visible()
+    box = plot.bounding_box()
+    assert box is not None
+    plot.click(position={"x": box["width"] / 4, "y": 40})
+    expect(viewer.locator("#date")).to_have_text("Mon 9 Mar 2026")
+    chosen = float(parse_qs(urlsplit(page.url).query)["time"][0])
+    assert abs(chosen - (last - DAY_S / 2)) < 2 * DAY_S / box["width"]
+    page.go_back()
+    expect(viewer.locator("#clock")).to_have_text("11:00:00")
+    expect(page).to_have_url(re.compile(f"time={moment + 3600}$"))
+
+
+def test_an_anomaly_of_a_page_leads_to_its_moment_there(site: str, page: Page) -> None:
+    page.goto(f"{site}/locations/office-door")
+    page.locator("#anomalies-table th a").click()
+    expect(page).to_have_url(re.compile("/locations/office-door\\?time=1773630000$"))
+    expect(page.locator("#history")).to_be_in_viewport()
+    page.go_back()
+    expect(page).to_have_url(re.compile("/locations/office-door$"))
+
+
+def test_older_anomalies_are_those_of_that_location_alone(site: str, page: Page) -> None:
+    page.goto(f"{site}/anomalies?of=office-door&state=all")
+    expect(page.get_by_role("heading", level=1)).to_have_text("Anomalies of office-door")
+    expect(page.locator("#anomalies-table tbody tr")).to_have_count(1)
+    page.get_by_label("Surprise").select_option("0.9")
+    expect(page).to_have_url(re.compile("of=office-door"))
+    for name, status in (("office", 404), ("office-door", 200)):
+        assert httpx.get(f"{site}/anomalies?of={name}", trust_env=False).status_code == status
+
+
+def test_the_api_is_documented_and_tried_on_its_page(site: str, page: Page) -> None:
+    page.goto(f"{site}/api/docs#predict")
+    paths = httpx.get(f"{site}/api/v1/openapi.json", trust_env=False).json()["paths"]
+    expect(page.locator("form.try")).to_have_count(sum(map(len, paths.values())))
+    form = page.locator("#predict form.try")
+    expect(form).to_be_visible()
+    form.get_by_label("name").fill("office-door")
+    form.get_by_label("Body").fill('{"time": [1772528400]}')
+    form.get_by_role("button").click()
+    expect(form.locator("output")).to_contain_text("200 OK")
+    expect(form.locator("output")).to_contain_text('"probability"')
+    shown = form.get_by_label("Request").inner_text()
+    done = subprocess.run(["sh", "-ec", shown], env={**os.environ, "NO_PROXY": "*"}, capture_output=True, text=True)
+    assert '"probability"' in done.stdout, done.stderr
 
 
 def test_a_location_that_is_not_there_says_so(site: str, page: Page) -> None:
@@ -303,6 +374,7 @@ def test_with_keys_one_signs_in_and_out(server: StartServer, page: Page) -> None
 
     page.goto(f"{process.url}/?welcome=1")
     expect(page).to_have_url(f"{process.url}/login?next=%2F%3Fwelcome%3D1")
+    assert barriers(page) == []
     for wrong, problem in (("tm_wrong", "not known here"), (keys["robot"], "robot's key")):
         page.get_by_label("Key").fill(wrong)
         page.get_by_role("button", name="Sign in").click()

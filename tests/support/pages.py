@@ -23,7 +23,6 @@ PAGES = (
     "/view/?location=lab",
     "/api/docs",
     "/nowhere",
-    "/login",
 )
 """Every kind of page, of a server with a door and a lab."""
 VIEWER = "/view/scene/"

@@ -13,7 +13,7 @@ from tidemap.storage.tables import observation, refusal, source
 MAX_POSTS = 10_000
 """Posts among which a location's sources are looked for."""
 MAX_REFUSED = 100
-"""Sources of a location whose refused posts are counted: those of which one was refused last."""
+"""Sources of a location whose refused posts are counted: those with the latest ones."""
 MAX_APART_S = 86_400.0
 """After so long without another, refused posts are counted anew."""
 UNKNOWN = "*"

@@ -7,16 +7,16 @@ import { windowOf } from "../core/window.js";
 const { origin } = window.location;
 
 /**
- * The side of the viewer. A page that has no moment of its own follows the newest observation.
+ * The side of the viewer. A page that has no moment of its own shows the newest observation.
  * @param {State<ViewState>} state
  */
 export function mount(state) {
-  const tell = talk(() => parent, ({ cell, time, span }) => {
+  const report = connect(() => parent, ({ cell, time, span }) => {
     state.change({ cell, live: time === null, ...(time === null ? {} : { time }), ...(span ? { span } : {}) });
   });
   state.subscribe(() => {
     const { cell, time, live, grid } = state.values;
-    if (grid?.span) tell({ cell, time: live ? null : time, span: windowOf(state.values) });
+    if (grid?.span) report({ cell, time: live ? null : time, span: windowOf(state.values) });
   });
 }
 
@@ -27,9 +27,9 @@ export function mount(state) {
  */
 export function host(viewer, state) {
   const shown = () => ({ cell: state.values.cell, time: state.values.time, span: state.values.span });
-  const tell = talk(() => viewer.contentWindow, (said) => state.change(said, "replace"));
+  const report = connect(() => viewer.contentWindow, (said) => state.change(said, "replace"));
   viewer.addEventListener("load", () => viewer.contentWindow?.postMessage(shown(), origin));
-  state.subscribe((changed) => ["cell", "time", "span"].some((name) => changed.has(name)) && tell(shown()));
+  state.subscribe((changed) => ["cell", "time", "span"].some((name) => changed.has(name)) && report(shown()));
 }
 
 /**
@@ -38,7 +38,7 @@ export function host(viewer, state) {
  * @param {(said: Shared) => void} hear
  * @returns {(said: Shared) => void}
  */
-function talk(other, hear) {
+function connect(other, hear) {
   let known = "";
   window.addEventListener("message", ({ origin: from, source, data }) => {
     if (from !== origin || source !== other() || data?.span === undefined) return;

@@ -36,7 +36,7 @@ export class History {
     this.whole = document.createElement("div");
     this.whole.className = "brush";
     host.after(this.whole, this.legend, this.reading);
-    state.subscribe((changed) => this.follow(changed));
+    state.subscribe((changed) => this.update(changed));
     live.onConnection((since) => since === null && this.load());
     this.listen();
     const { time } = state.values;
@@ -64,7 +64,7 @@ export class History {
    * What has changed is drawn: another range or model anew, another moment in the range as a line.
    * @param {Set<string>} changed
    */
-  follow(changed) {
+  update(changed) {
     const { time, span } = this.state.values;
     if (this.range && (changed.has("first") || changed.has("last"))) this.choose(this.range);
     if (changed.has("time") && time !== null && span && (time < span[0] || time > span[1])) {
@@ -170,8 +170,10 @@ export class History {
     }
     this.clear();
     const mine = events.filter((event) => event.cells.includes(cell ?? -1));
+    const shown = span ?? this.bounds("week");
     const drawn = {
       series,
+      span: shown,
       events: mine.map((event) => ({ ...event, start: Date.parse(event.start) / 1000, stop: Date.parse(event.stop) / 1000 })),
       outliers: model?.outliers ?? [],
       last: last ?? 0,
@@ -183,7 +185,7 @@ export class History {
       go: (/** @type {number} */ time) => this.state.change({ time }, "push"),
     };
     const chart = draw(this.host, this.reading, drawn, zone, chosen);
-    this.charts = [chart, brush(this.whole, whole, span ?? this.bounds("week"), zone, chosen.zoom)];
+    this.charts = [chart, brush(this.whole, whole, shown, zone, chosen.zoom)];
     this.legend.replaceChildren(...legendOf(revision));
   }
 

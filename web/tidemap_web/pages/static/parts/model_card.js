@@ -38,11 +38,21 @@ function facts(model, view) {
   const outliers = model.outliers.length;
   return [
     ["What it is", `Revision ${view.revision}, ${model.estimator}: ${ESTIMATORS[model.estimator] ?? "an estimator of its own"}${order}.`],
-    ["Why", model.selection ? sentence(model.selection.reason) : "The location's settings ask for it."],
+    ["Why", ...why(model)],
     ["Learned from", `${countText(model.samples)} samples, ${start} to ${stop}.`],
     ["How far to trust it", trust(model), remembered(model, outliers)],
     ["What it costs", `${countText(spectrum_bytes)} bytes for this cell, beside ${countText(history_bytes)} bytes of history.`],
   ];
+}
+
+/**
+ * What was tried, and apart from it how the winner is set.
+ * @param {Model} model
+ */
+function why({ selection }) {
+  if (!selection) return ["The location's settings ask for it."];
+  const [tried, ...settings] = selection.reason.split("; ");
+  return [`${sentence(tried)} A log loss is lower where what happened was thought likelier.`, ...(settings.length ? [`Its settings: ${settings.join("; ")}.`] : [])];
 }
 
 /** @param {Model} model */
