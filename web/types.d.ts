@@ -237,6 +237,7 @@ export interface ChartState {
   outliers: [number, number][];
   last: number;
   confidence: number;
+  span: [number, number];
   /** The moment that the page shows. */
   moment(): number | null;
 }

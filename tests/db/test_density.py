@@ -41,7 +41,7 @@ def test_it_counts_what_history_holds_before_and_after_it_is_compacted(ctx: Cont
     late = [(BEGIN + 200.5 * MINUTE, 7, 1), (BEGIN + 2000.5 * MINUTE, 1500, 0)]
     rows = [row for row in rows if row[:2] not in {(BEGIN + 200 * MINUTE, 7), (BEGIN + 2000 * MINUTE, 1500)}]
     post_rows(ctx, "lab", rows)
-    query = {"start": BEGIN, "stop": BEGIN + 3000 * MINUTE, "bins": 7}
+    query: dict[str, Any] = {"start": BEGIN, "stop": BEGIN + 3000 * MINUTE, "bins": 7}
     expected = np.histogram([t for t, _, _ in rows + late], BEGIN + 429 * MINUTE * np.arange(8))[0].tolist()
     post_rows(ctx, "lab", late)
     before = count(ctx, **query)

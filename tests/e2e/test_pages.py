@@ -220,7 +220,8 @@ def test_a_grid_shows_the_viewer_and_the_chart_of_a_cell(site: str, page: Page) 
     page.goto(f"{site}/locations/lab?cell=121&time=2026-03-05T10:00:00Z")
     expect(viewer.locator("#date")).to_have_text("Thu 5 Mar 2026")
     expect(viewer.locator("#clock")).to_have_text("10:00:00")
-    expect(page.get_by_role("link", name="Open the viewer alone")).to_have_attribute("href", "/view/?location=lab")
+    alone = "/view/?location=lab&cell=121&time=1772704800"
+    expect(page.get_by_role("link", name="Open the viewer alone")).to_have_attribute("href", alone)
 
 
 def test_a_page_and_its_viewer_show_one_cell_one_moment_and_one_range(site: str, page: Page) -> None:

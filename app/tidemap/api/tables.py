@@ -22,7 +22,7 @@ def series_table(view: SeriesView) -> Response:
             "local_time": [datetime.fromtimestamp(time, zone).isoformat() for time in view.time.tolist()],
             "time_zone": [view.time_zone] * len(view.time),
             "cell": [view.cell] * len(view.time),
-            "probability": _known(view.probability.round(6), np.isnan(view.probability)),
+            "probability": _known(view.probability.astype(np.float64).round(6), np.isnan(view.probability)),
             "state": _known(view.state, view.state == UNOBSERVED),
             "observed": _known(view.observed, view.observed == UNOBSERVED),
         }
@@ -34,5 +34,5 @@ def series_table(view: SeriesView) -> Response:
     return Response(content, media_type=f"{CSV}; charset=utf-8; header=present", headers=headers)
 
 
-def _known(values: NDArray[np.float32] | NDArray[np.uint8], missing: NDArray[np.bool_]) -> list[float | None]:
+def _known(values: NDArray[np.float64] | NDArray[np.uint8], missing: NDArray[np.bool_]) -> list[float | None]:
     return [None if unknown else value for value, unknown in zip(values.tolist(), missing.tolist(), strict=True)]

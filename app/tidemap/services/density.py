@@ -32,7 +32,7 @@ class DensityQuery:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Density:
-    """Counts of the steps [time, time + step_s), whole samples of which the first contains the start: (n,) each.
+    """Counts of the steps [time, time + step_s), of whole samples from the one that contains the start: (n,) each.
 
     measurements: of all cells, one a sample where history has them by now, as they came where it has not.
     samples: those in which any cell was observed, `step_samples` at most. n_counted: the cells that were counted,

@@ -164,7 +164,10 @@ def _operation(document: Mapping[str, Any], method: str, path: str, said: Mappin
 
 
 def _parameter(said: Mapping[str, Any]) -> Parameter:
-    return Parameter(said["name"], said["in"], said.get("required", False), said["schema"], said.get("description", ""))
+    """One that is left out is null: nobody sends that."""
+    choices = [each for each in said["schema"].get("anyOf", []) if each != {"type": "null"}]
+    schema = {**said["schema"], **({"anyOf": choices} if choices else {})}
+    return Parameter(said["name"], said["in"], said.get("required", False), schema, said.get("description", ""))
 
 
 def _answer(status: str, said: Mapping[str, Any]) -> DescribedAnswer:

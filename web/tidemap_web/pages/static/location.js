@@ -2,7 +2,7 @@
 
 import { ask } from "./core/api.js";
 import { Live } from "./core/live.js";
-import { keepLocation, locationState, numberOf, readLocation } from "./core/location.js";
+import { keepLocation, locationState, numberOf, readLocation, writeLocation } from "./core/location.js";
 import { byId, closest, reason } from "./dom.js";
 import * as anomalies from "./parts/anomalies.js";
 import * as changed from "./parts/changed.js";
@@ -37,6 +37,9 @@ takeChart.mount(byId("take"), state);
 new History(section, byId("chart"), state, live);
 const viewer = document.querySelector("iframe.viewer");
 if (viewer instanceof HTMLIFrameElement) embedded.host(viewer, state);
+const lead = () => document.getElementById("alone")?.setAttribute("href", `/view/${writeLocation(state.values, `?location=${encodeURIComponent(name)}`)}`);
+state.subscribe((names) => (names.has("cell") || names.has("time")) && lead());
+lead();
 
 async function showModel() {
   const [rhythms, card] = [byId("spectrum"), byId("model-card")];

@@ -1,4 +1,4 @@
-// The report of a location: everything is made at once, and then it may be printed.
+// The report of a location. It may be printed when all is there but the evaluation, which takes longest.
 
 import { ask } from "./core/api.js";
 import { setClock } from "./core/clock.js";
@@ -43,8 +43,8 @@ await Promise.all([
   made(byId("period"), () => drawPeriod(byId("period"), state.values, span)),
   cell === null ? null : weekmap.mount(byId("week"), state),
   made(byId("model-card"), model),
-  evaluate(),
 ]);
-byId("ready").textContent = "";
 /** @type {HTMLButtonElement} */ (byId("print")).disabled = false;
-document.body.dataset.ready = "yes";
+byId("ready").textContent = "The evaluation is still being made …";
+await evaluate();
+byId("ready").textContent = "";

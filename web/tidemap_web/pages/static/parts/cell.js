@@ -1,7 +1,7 @@
 // The selected cell: its facts at the moment that is shown, and its series over what the timeline covers.
 
 import { ask } from "../core/api.js";
-import { colours, verdictOf } from "../core/colours.js";
+import { colours } from "../core/colours.js";
 import { lastSeenText, probabilityText } from "../core/facts.js";
 import { drawStrips } from "../core/strips.js";
 import { zoneOf } from "../core/time.js";

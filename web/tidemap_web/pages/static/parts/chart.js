@@ -179,7 +179,7 @@ export function draw(host, reading, state, zone, { zoom, go }) {
       padding: [8, 6, 0, 0],
       legend: { show: false },
       cursor: { y: false, drag: { x: true, y: false, setScale: false } },
-      scales: { x: { time: true }, y: { range: [-0.2, 1.1] } },
+      scales: { x: { time: true, range: () => state.span }, y: { range: [-0.2, 1.1] } },
       series: [{}, { stroke: c.predicted, width: 2, points: { show: false } }],
       axes: [
         timeAxis(c, zone),

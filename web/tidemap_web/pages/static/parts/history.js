@@ -170,8 +170,10 @@ export class History {
     }
     this.clear();
     const mine = events.filter((event) => event.cells.includes(cell ?? -1));
+    const shown = span ?? this.bounds("week");
     const drawn = {
       series,
+      span: shown,
       events: mine.map((event) => ({ ...event, start: Date.parse(event.start) / 1000, stop: Date.parse(event.stop) / 1000 })),
       outliers: model?.outliers ?? [],
       last: last ?? 0,
@@ -183,7 +185,7 @@ export class History {
       go: (/** @type {number} */ time) => this.state.change({ time }, "push"),
     };
     const chart = draw(this.host, this.reading, drawn, zone, chosen);
-    this.charts = [chart, brush(this.whole, whole, span ?? this.bounds("week"), zone, chosen.zoom)];
+    this.charts = [chart, brush(this.whole, whole, shown, zone, chosen.zoom)];
     this.legend.replaceChildren(...legendOf(revision));
   }
 

@@ -39,8 +39,20 @@ function swatchesOf(key) {
   return [...key.querySelectorAll("i")].flatMap((mark) => {
     const item = mark.parentElement;
     if (!item || !isShown(item) || item.matches(".bar-fill")) return [];
-    return [{ colour: colourOf(mark), text: oneLine(item.innerText) }];
+    return [{ colour: colourOf(mark), text: wordsOf(item) }];
   });
+}
+
+/**
+ * Without the counts of the moment, with which a legend would grow and shrink in a film.
+ * @param {HTMLElement} item
+ */
+function wordsOf(item) {
+  const counts = new Set([...item.querySelectorAll("output")].flatMap((each) => [...each.childNodes]));
+  const texts = document.createTreeWalker(item, NodeFilter.SHOW_TEXT);
+  const words = [];
+  while (texts.nextNode()) if (!counts.has(/** @type {ChildNode} */ (texts.currentNode))) words.push(texts.currentNode.nodeValue);
+  return oneLine(words.join(""));
 }
 
 /** @param {HTMLElement} mark */

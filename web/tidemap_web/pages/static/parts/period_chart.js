@@ -96,7 +96,7 @@ function axis([low, high], x, { strips, bottom }, zone) {
     ...levels.flatMap((level) => [svg("path", { class: "grid", d: `M${LEFT} ${y(level)}H${RIGHT}` }),
       svg("text", { x: LEFT - 6, y: y(level) + 4, "text-anchor": "end" }, level.toFixed(1))]),
     ...ticksOf(low, high, step, zone).flatMap((time) => [svg("path", { class: "grid", d: `M${x(time)} ${CURVE.top}V${bottom + 4}` }),
-      svg("text", { x: Math.min(RIGHT - 24, Math.max(LEFT + 20, x(time))), y: bottom + 17, "text-anchor": "middle" }, step >= 86400 ? dayText(time, zone) : clockText(time, zone, false))]),
+      svg("text", { x: Math.min(RIGHT - 30, Math.max(LEFT + 20, x(time))), y: bottom + 17, "text-anchor": "middle" }, step >= 86400 ? dayText(time, zone) : clockText(time, zone, false))]),
   ];
 }
 

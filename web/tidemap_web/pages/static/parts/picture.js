@@ -1,7 +1,7 @@
 // A picture of what is shown, to be taken along: above it what and when, below it the legend and the scale.
 
 /** @typedef {{ title: string, swatches: { colour: string, text: string }[], ramp: { colours: string[], texts: string[] } | null }} Legend */
-/** @typedef {{ paper: string, ink: string, quiet: string }} Palette */
+/** @typedef {{ paper: string, ground: string, ink: string, quiet: string }} Palette `ground` is behind what is drawn */
 /**
  * @typedef {object} Caption
  * @property {string} title
@@ -20,8 +20,8 @@ const RAMP = 180;
 const FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "Liberation Sans", sans-serif';
 
 /**
- * @param {CanvasImageSource} source
- * @param {{ width: number, height: number, ratio: number }} size of it in CSS pixels, and device pixels in one
+ * @param {HTMLCanvasElement} source is drawn as large as it fits
+ * @param {{ width: number, height: number, ratio: number }} box for it in CSS pixels, and device pixels in one
  * @param {Caption} caption
  * @param {Palette} palette
  * @returns {HTMLCanvasElement} not transparent
@@ -35,9 +35,13 @@ export function picture(source, { width, height, ratio }, caption, palette) {
   const ctx = pen(canvas);
   ctx.scale(ratio, ratio);
   ctx.fillStyle = palette.paper;
-  ctx.fillRect(0, 0, width, canvas.height);
+  ctx.fillRect(0, 0, width, canvas.height / ratio);
   drawHead(ctx, caption, width, palette);
-  ctx.drawImage(source, 0, HEAD, width, height);
+  ctx.fillStyle = palette.ground;
+  ctx.fillRect(0, HEAD, width, height);
+  const fit = Math.min(width / source.width, height / source.height);
+  const [wide, high] = [fit * source.width, fit * source.height];
+  ctx.drawImage(source, (width - wide) / 2, HEAD + (height - high) / 2, wide, high);
   rows.forEach((row, i) => drawRow(ctx, row, HEAD + height + PAD + (i + 0.5) * LINE, palette));
   drawFoot(ctx, caption, width, HEAD + height + PAD + (rows.length + 0.5) * LINE, palette);
   return canvas;

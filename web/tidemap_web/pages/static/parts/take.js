@@ -12,7 +12,7 @@ import { picture } from "./picture.js";
 /** @import { State } from "../core/state.js" */
 /** @import { SceneWindow, ViewState } from "../../../../types.d.ts" */
 
-const DARK = { paper: "#1a1d22", ink: "#e8eaed", quiet: "#b6bec8" };
+const DARK = { paper: "#1a1d22", ground: "#141414", ink: "#e8eaed", quiet: "#b6bec8" };
 const BAR_PX = 140;
 const FRAME_MS = 160;
 const LAST_MS = 900;
@@ -33,7 +33,7 @@ export function mount(state) {
   const tried = (work) => () => work().then(() => say(""), (error) => say(reason(error)));
 
   $("take-picture").addEventListener("click", tried(async () => {
-    save(await encoded(drawn(state.values), "image/png"), nameOf(state.values, "png"));
+    save(await encoded(drawn(state.values, stage()), "image/png"), nameOf(state.values, "png"));
   }));
   $("take-table").addEventListener("click", tried(async () => {
     const { content, name } = await askFile(seriesOf(state.values), "text/csv");
@@ -86,18 +86,26 @@ const scene = () => {
 };
 
 /**
- * The scene with its caption.
- * @param {ViewState} view
+ * What is the same in all pictures of a film: their size, the legend and the scale.
  * @param {number} most pixels that it is wide at most
  */
-function drawn(view, most = Infinity) {
+function stage(most = Infinity) {
   const { canvas, camera, cameraControl } = scene();
   const [width, height] = [canvas.clientWidth, canvas.clientHeight];
-  const ratio = Math.min(canvas.width / width, most / width);
   const perMetre = camera && cameraControl ? height / (2 * cameraControl.distance * Math.tan((camera.fov * Math.PI) / 360)) : 0;
-  const scale = perMetre > 0 ? scaleBar(perMetre, BAR_PX) : null;
-  return picture(canvas, { width, height, ratio }, { ...captionOf(view), scale, legends: legendsOf(".keys .key") }, DARK);
+  return {
+    box: { width, height, ratio: Math.min(canvas.width, most) / width },
+    scale: perMetre > 0 ? scaleBar(perMetre, BAR_PX) : null,
+    legends: legendsOf(".keys .key"),
+  };
 }
+
+/**
+ * The scene with its caption.
+ * @param {ViewState} view
+ * @param {ReturnType<typeof stage>} how
+ */
+const drawn = (view, { box, ...how }) => picture(scene().canvas, box, { ...captionOf(view), ...how }, DARK);
 
 /** @param {ViewState} view */
 function captionOf({ location, grid, frame, time, zone }) {
@@ -136,15 +144,15 @@ async function film(state, stopped, say) {
   if (!grid?.span) throw new Error("Nothing has been observed yet.");
   const moments = momentsOf(loop ?? windowOf(state.values), grid.interval_s, grid.span);
   const pictures = [];
+  const how = stage(FILM_PX);
   let size = { width: 0, height: 0 };
   try {
     for (const [i, moment] of moments.entries()) {
       say(`Picture ${i + 1} of ${moments.length} …`);
       state.change({ time: moment, live: false, playing: false });
       await shown(state, moment, stopped);
-      const canvas = drawn(state.values, FILM_PX);
-      if (i === 0) size = { width: canvas.width, height: canvas.height };
-      if (canvas.width !== size.width || canvas.height !== size.height) throw new Error("The window changed its size meanwhile. Try again.");
+      const canvas = drawn(state.values, how);
+      size = { width: canvas.width, height: canvas.height };
       pictures.push(new Uint8Array(await (await encoded(canvas, "image/webp")).arrayBuffer()));
     }
   } finally {

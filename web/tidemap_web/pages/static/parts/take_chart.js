@@ -63,7 +63,7 @@ async function takePicture(view) {
     legends: legendsOf(".legend").flatMap(({ swatches }) => swatches.map((each) => ({ title: "", swatches: [each], ramp: null }))),
     scale: null,
     foot: "Tidemap",
-  }, { paper, ink, quiet });
+  }, { paper, ground: paper, ink, quiet });
   const content = await new Promise((resolve) => made.toBlob(resolve, "image/png"));
   save(content, fileName(isGrid ? [name, String(cell)] : [name], start, zone, "png"));
 }

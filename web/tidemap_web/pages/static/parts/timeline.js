@@ -88,7 +88,7 @@ function markAt(canvas, view, x) {
 }
 
 /**
- * The slider, of which the first movement of a drag is an entry of its own.
+ * The slider. The first movement of a drag is an entry of its own, the rest goes on in it.
  * @param {HTMLElement} element
  * @param {State<ViewState>} state
  * @param {Go} go

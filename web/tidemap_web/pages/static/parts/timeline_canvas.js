@@ -117,9 +117,10 @@ function drawBars(ctx, scale, density, c, top, height) {
   ctx.fillStyle = c.seen;
   for (const { start, stop, share } of density ? barsOf(density) : []) {
     if (stop < scale.low || start > scale.high) continue;
-    const left = scale.clip(start);
+    // On whole pixels: fractions of neighbours would leave lines between them.
+    const left = Math.round(scale.clip(start));
     const tall = Math.max(2, share * height);
-    ctx.fillRect(left, top + height - tall, Math.max(1, scale.clip(stop) - left), tall);
+    ctx.fillRect(left, top + height - tall, Math.max(1, Math.round(scale.clip(stop)) - left), tall);
   }
 }
 
