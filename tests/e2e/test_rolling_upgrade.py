@@ -1,4 +1,4 @@
-"""A rolling upgrade: the version before goes on serving a database that this one migrates, until this one has all of it."""
+"""A rolling upgrade: the version before goes on serving a database that this one migrates."""
 
 from collections.abc import Iterator
 from itertools import count

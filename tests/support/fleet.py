@@ -34,14 +34,15 @@ RESTLESS = {
 class OutboxRobot:
     """Keeps what it sees in an outbox; every fifth observation twice, with the same key."""
 
-    def __init__(self, number: int, client: Client[Queued]) -> None:
+    def __init__(self, number: int, client: Client[Queued], pause_s: float = AGAIN_S) -> None:
         self.number = number
         self.client = client
+        self.pause_s = pause_s
         self.kept: list[Sighting] = []
 
     def run(self, stop: threading.Event) -> None:
-        """Observe as fast as the outbox is emptied."""
-        while not stop.wait(AGAIN_S):
+        """Fill the outbox, and again after every pause."""
+        while not stop.wait(self.pause_s):
             while self.client.outbox.pending.batches < BACKLOG and not stop.is_set():
                 self._observe(Sighting(self.number, len(self.kept)))
 
@@ -55,9 +56,10 @@ class OutboxRobot:
 class DirectRobot:
     """Posts without an outbox, each observation as often as it takes to hear that it is stored, with the same key."""
 
-    def __init__(self, number: int, client: Client[Any]) -> None:
+    def __init__(self, number: int, client: Client[Any], pause_s: float = 0.0) -> None:
         self.number = number
         self.client = client
+        self.pause_s = pause_s
         self.kept: list[Sighting] = []
         self.failures: list[int] = []
         """HTTP status of every try that failed, 0 where nobody answered."""
@@ -73,6 +75,7 @@ class DirectRobot:
                 stop.wait(AGAIN_S)
             else:
                 self.kept.append(sighting)
+                stop.wait(self.pause_s)
 
 
 class Fleet:
@@ -118,21 +121,28 @@ class Fleet:
 
 
 @contextmanager
-def fleet_at_work(folder: Path, *urls: str) -> Iterator[Fleet]:
-    """Robots at work until the end of the block, each on one of the servers; then all that they kept is delivered."""
+def fleet_at_work(
+    folder: Path, *urls: str, outboxes: int = WITH_OUTBOX, direct: int = WITHOUT_OUTBOX, pause_s: float = 0.0
+) -> Iterator[Fleet]:
+    """Robots at work until the end of the block, each on one of the servers; then all that they kept is delivered.
+
+    pause_s: how long each rests between posts, or between those that its outbox holds; by default hardly.
+    """
     with ExitStack() as stack:
         stop = threading.Event()
         fleet = Fleet(
             [
-                OutboxRobot(n, stack.enter_context(Client(url, outbox=folder / f"{n}.db", retry=EAGER)))
-                for n, url in zip(range(WITH_OUTBOX), cycle(urls), strict=False)
+                OutboxRobot(
+                    n, stack.enter_context(Client(url, outbox=folder / f"{n}.db", retry=EAGER)), max(pause_s, AGAIN_S)
+                )
+                for n, url in zip(range(outboxes), cycle(urls), strict=False)
             ],
             [
-                DirectRobot(WITH_OUTBOX + n, stack.enter_context(Client(url, retry=ONCE)))
-                for n, url in zip(range(WITHOUT_OUTBOX), cycle(urls), strict=False)
+                DirectRobot(outboxes + n, stack.enter_context(Client(url, retry=ONCE)), pause_s)
+                for n, url in zip(range(direct), cycle(urls), strict=False)
             ],
         )
-        pool = stack.enter_context(ThreadPoolExecutor(WITH_OUTBOX + WITHOUT_OUTBOX))
+        pool = stack.enter_context(ThreadPoolExecutor(outboxes + direct))
         running = [pool.submit(robot.run, stop) for robot in fleet.robots]
         try:
             yield fleet
