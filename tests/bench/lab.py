@@ -49,18 +49,18 @@ def bodies(count: int, before_s: float) -> list[bytes]:
     return [seen(before_s - 2.0 * (count - i)) for i in range(count)]
 
 
-def prepare(ctx: Context) -> None:
+def prepare(ctx: Context, name: str = NAME) -> None:
     """Make the location, post eight days of looks two hours apart, and fit its first model."""
     grid = GridGeometry("map", (0.0, 0.0, 0.0), 0.1, SHAPE)
     create_location(
         ctx,
-        NewLocation(name=NAME, kind="grid3d", interval_s=INTERVAL_S, estimator="fft", order=5, min_cells=4, grid=grid),
+        NewLocation(name=name, kind="grid3d", interval_s=INTERVAL_S, estimator="fft", order=5, min_cells=4, grid=grid),
     )
     until = ctx.clock() - 2 * INTERVAL_S
     for i in range(LEARNED_LOOKS):
-        observe(ctx, NAME, Post(Body(seen(until - 7200.0 * (LEARNED_LOOKS - i)), ARROW)))
+        observe(ctx, name, Post(Body(seen(until - 7200.0 * (LEARNED_LOOKS - i)), ARROW)))
     executor = LocalExecutor(ctx, 2)
-    run_update(ctx, find_location(ctx, NAME).id, UpdateRequest(), executor, lambda _: None)
+    run_update(ctx, find_location(ctx, name).id, UpdateRequest(), executor, lambda _: None)
     executor.close()
 
 
