@@ -40,13 +40,31 @@ export interface CellFacts {
   observed_time: number | null;
 }
 
+/** A door or a room in the scene of its building. */
+export interface MarkerFacts {
+  name: string;
+  probability: number | null;
+  verdict: "free" | "occupied" | "uncertain" | null;
+  observed: number | null;
+  observed_time: number | null;
+  /** In the left grid and in the right one, as CSS. */
+  colors: [string, string];
+}
+
+/** What is under the pointer. */
+export interface HoverMessage {
+  at: [number, number];
+  cell: CellFacts | null;
+  marker: MarkerFacts | null;
+}
+
 /** A message of the stream of events. */
 export interface LiveMessage {
-  kind: "observation" | "anomaly" | "update" | "job" | "location";
+  kind: "observation" | "anomaly" | "update" | "job" | "location" | "attention";
   location: string;
   id: number;
   time: string;
-  change?: "created" | "changed" | "deleted";
+  change?: "created" | "changed" | "deleted" | "acknowledged" | "snoozed" | "muted" | "unmuted";
   called?: string | null;
 }
 
@@ -68,6 +86,8 @@ export interface FrameMessage {
   unexpected: number;
   missing: number;
   stale: number;
+  /** Sensors whose way is shown. */
+  sensors: number;
   selected: CellFacts | null;
 }
 
@@ -85,7 +105,9 @@ export interface Handlers {
   frame(message: FrameMessage): void;
   progress(message: { what: string; done: number | null }): void;
   camera(message: { pose: number[] | null }): void;
-  picked(message: { cell: number | null }): void;
+  picked(message: { cell: number | null; marker: string | null }): void;
+  hovered(message: HoverMessage): void;
+  markers(message: { items: MarkerFacts[] }): void;
   refused(message: { detail: string }): void;
   notice(message: NoticeMessage): void;
 }
@@ -102,16 +124,23 @@ export interface ViewState {
   /** Heights that are shown, in grid steps. */
   low: number | null;
   high: number | null;
+  /** First and last cells that are shown along x, and along y. */
+  crop: number[] | null;
   layout: "beside" | "overlay" | "difference";
-  predicted: "probability" | "verdict" | "entropy";
+  predicted: "probability" | "verdict" | "entropy" | "day";
   observed: "seen" | "age";
   cell: number | null;
-  /** Position and what it looks at, in metres; null: as the server aims it. */
+  markers: MarkerFacts[];
+  /** The door or room that was clicked in the scene. */
+  marker: string | null;
+  /** Position and what it looks at, in metres, and how wide it sees; null: as the server aims it. */
   camera: number[] | null;
   zone: "location" | "mine" | "UTC";
   reach: "day" | "week" | "all" | null;
   /** What the timeline was zoomed to. */
   span: [number, number] | null;
+  /** What playing goes round in. */
+  loop: [number, number] | null;
   grid: GridMessage | null;
   frame: FrameMessage | null;
   events: Mark[];
@@ -154,10 +183,19 @@ export interface Controls {
   low: HTMLInputElement;
   high: HTMLInputElement;
   typed: HTMLInputElement;
+  "crop-x-first": HTMLInputElement;
+  "crop-x-last": HTMLInputElement;
+  "crop-y-first": HTMLInputElement;
+  "crop-y-last": HTMLInputElement;
+  "crop-all": HTMLButtonElement;
   "predicted-layer": HTMLSelectElement;
   "observed-layer": HTMLSelectElement;
   "zone-layer": HTMLSelectElement;
   series: HTMLCanvasElement;
+  "take-picture": HTMLButtonElement;
+  "take-loop": HTMLButtonElement;
+  "take-table": HTMLButtonElement;
+  "take-report": HTMLAnchorElement;
   "loading-bar": HTMLProgressElement;
   "settings-form": HTMLFormElement;
   "new-form": HTMLFormElement;
@@ -169,6 +207,27 @@ export interface Series {
   probability: (number | null)[];
   state: (number | null)[];
   observed: (number | null)[];
+}
+
+/** As much of the frame with viser's client as is used. */
+export interface SceneWindow extends Window {
+  __viserMutable?: {
+    canvas: HTMLCanvasElement | null;
+    camera: { fov: number } | null;
+    cameraControl: { distance: number } | null;
+    messageQueue: unknown[];
+    requestRender(): void;
+  };
+}
+
+/** How much was observed in the steps from `time` on, each of `step_s`. */
+export interface Density {
+  time: number[];
+  step_s: number;
+  step_samples: number;
+  measurements: number[];
+  samples: number[];
+  cells: number;
 }
 
 /** What a chart shows. */

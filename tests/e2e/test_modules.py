@@ -40,6 +40,28 @@ def run(page: Page, module: str, script: str, *given: Any) -> Any:
     )
 
 
+def test_a_heartbeat_says_when_nobody_answers_and_gives_up(module: Page) -> None:
+    module.clock.install()
+    begin = """() => {
+      window.log = [];
+      const silent = (since) => log.push(since === null ? "heard" : "silent");
+      window.heart = new m.Heartbeat({ ask: () => log.push("ask"), silent, give: () => log.push("give") });
+      heart.start();
+    }"""
+    run(module, "core/heartbeat.js", begin)
+    for milliseconds, heard in ((2600, True), (9000, True), (2600, False), (40_000, False)):
+        module.clock.run_for(milliseconds)
+        if heard:
+            module.evaluate("heart.heard()")
+    assert module.evaluate("log") == ["ask", "ask", "silent", "heard", "ask", "silent", "heard", "give"]
+
+
+def test_an_address_has_a_crop_of_cells_in_their_order(module: Page) -> None:
+    asked = ["0-4,5-5", "4-0,5-5", "0-4", "0-99999,0-1", ""]
+    read = "(asked) => asked.map((crop) => m.readAddress(`?crop=${crop}`).crop)"
+    assert run(module, "core/address.js", read, asked) == [[0, 4, 5, 5], None, None, None, None]
+
+
 def test_words_are_the_same_in_both_languages(module: Page) -> None:
     now = 1.7e9
     for sign in (-1, 1):

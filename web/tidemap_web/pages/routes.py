@@ -3,9 +3,9 @@
 from fastapi import APIRouter
 
 from tidemap.services.context import Context
-from tidemap_web.pages import anomaly_pages, location_pages, overview_pages, session_pages
+from tidemap_web.pages import anomaly_pages, location_pages, overview_pages, report_pages, session_pages
 
-PAGES = (overview_pages, anomaly_pages, location_pages, session_pages)
+PAGES = (overview_pages, anomaly_pages, location_pages, report_pages, session_pages)
 
 
 def router(ctx: Context) -> APIRouter:

@@ -13,6 +13,7 @@ import * as fragment from "./parts/fragment.js";
 import { History } from "./parts/history.js";
 import * as modelCard from "./parts/model_card.js";
 import * as settings from "./parts/settings.js";
+import * as takeChart from "./parts/take_chart.js";
 import * as spectrum from "./parts/spectrum.js";
 import * as weekmap from "./parts/weekmap.js";
 
@@ -32,6 +33,7 @@ fragment.mount("work", live, (message) => message.kind === "job" || message.kind
 evaluation.mount(byId("evaluation"), state);
 settings.mount(byId("settings-form"), state);
 weekmap.mount(byId("week"), state);
+takeChart.mount(byId("take"), state);
 new History(section, byId("chart"), state, live);
 const viewer = document.querySelector("iframe.viewer");
 if (viewer instanceof HTMLIFrameElement) embedded.host(viewer, state);

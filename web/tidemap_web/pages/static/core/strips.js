@@ -9,7 +9,7 @@ import { colours, verdictOf } from "./colours.js";
  * @param {Value[]} values
  * @returns {Generator<[number, number, Value]>}
  */
-function* runs(values) {
+export function* runs(values) {
   let first = 0;
   for (let i = 1; i <= values.length; i++) {
     if (i === values.length || values[i] !== values[first]) {

@@ -2,12 +2,13 @@
 
 import { ask } from "../core/api.js";
 import { colours } from "../core/colours.js";
+import { lastSeenText, probabilityText } from "../core/facts.js";
 import { drawStrips } from "../core/strips.js";
 import { zoneOf } from "../core/time.js";
-import { clockText, dayText, durationText } from "../core/words.js";
+import { windowOf } from "../core/window.js";
+import { clockText, dayText } from "../core/words.js";
 import { byId as $, reason } from "../dom.js";
 import { pairs } from "./layers.js";
-import { windowOf } from "./timeline.js";
 /** @import { State } from "../core/state.js" */
 /** @import { CellFacts, Series, ViewState } from "../../../../types.d.ts" */
 
@@ -75,14 +76,12 @@ function showFacts(view, embedded) {
   $("selected-none").textContent = view.cell === null || !view.frame ? "Click a cell in the scene to inspect it." : `Cell ${view.cell} has never been observed.`;
   $("series").hidden = cell === null;
   if (cell === null) return $("selected-facts").replaceChildren();
-  const seen = cell.observed === null ? "never by then" : cell.observed ? "occupied" : "free";
-  const ago = cell.observed_time === null ? "–" : `${durationText((view.frame?.time ?? 0) - cell.observed_time)} before`;
   pairs($("selected-facts"), [
     ["Number", String(cell.cell)],
     ["Index", `[${cell.index.join(", ")}]`],
     ["Centre", `${cell.position_m.join(", ")} m`],
-    ["Probability", cell.probability === null ? "–" : `${cell.probability.toFixed(3)}, ${cell.verdict}`],
-    ["Last seen", `${seen}, ${ago}`],
+    ["Probability", probabilityText(cell)],
+    ["Last seen", lastSeenText(cell, view.frame?.time ?? 0)],
     ...(embedded ? [] : [linkTo(view.location ?? "", cell)]),
   ]);
 }

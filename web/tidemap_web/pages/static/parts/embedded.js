@@ -1,6 +1,6 @@
 // The viewer within a location's page: both show the same cell, moment and stretch of time, whichever it was chosen in.
 
-import { windowOf } from "./timeline.js";
+import { windowOf } from "../core/window.js";
 /** @import { State } from "../core/state.js" */
 /** @import { LocationView, Shared, ViewState } from "../../../../types.d.ts" */
 

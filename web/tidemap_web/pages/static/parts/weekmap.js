@@ -32,7 +32,7 @@ export function mount(host, state) {
     }
   }
   state.subscribe((changed) => (changed.has("cell") || changed.has("revision")) && load());
-  load();
+  return load();
 }
 
 /**
