@@ -27,6 +27,8 @@ AGE_UNIT: Final = 8
 """Ages are kept in eighths of a sample."""
 MAX_AGE: Final = (2**16 - 1) / AGE_UNIT
 NOT_HELD: Final = Standing()
+UNENDED: Final = np.zeros(0, np.int64)
+"""No sensor said between readings that it is unavailable."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,14 +99,17 @@ class Beliefs:
         copy.put(rows, other)
         return copy
 
-    def filtered(self, sequences: Sequences, p: NDArray[np.float32], hold: int = 0) -> "Beliefs":
+    def filtered(
+        self, sequences: Sequences, p: NDArray[np.float32], hold: int = 0, until: NDArray[np.int64] = UNENDED
+    ) -> "Beliefs":
         """Moved by later readings of the same cells; p: the model's at every reading, NaN leaves it out.
 
+        until: int64, a sample for every reading, the last in which the reading before it may be held; or none at all.
         To filter some readings and then the others gives the same bits as to filter all at once.
         """
         moved = self.rows(np.arange(len(self.sample)))
         read = (sequences.offset, sequences.sample, sequences.state, self.unread(p))
-        _filter(*read, *self._constants, hold, moved.signed, moved.sample, moved.p, moved.age)
+        _filter(*read, *self._constants, hold, until, moved.signed, moved.sample, moved.p, moved.age)
         return moved
 
     def traced(self, sequences: Sequences, p: NDArray[np.float32], hold: int = 0) -> "Beliefs":
@@ -156,6 +161,7 @@ def _filter(
     rates: tuple[float, float],
     log_kept: NDArray[np.float64],
     hold: int,
+    until: NDArray[np.int64],
     signed: NDArray[np.float32],
     sample: NDArray[np.int64],
     p: NDArray[np.float32],
@@ -165,7 +171,8 @@ def _filter(
     for cell in range(offset.size - 1):
         for j in range(offset[cell], offset[cell + 1]):
             now = (signed[cell], sample[cell], p[cell], age[0, cell], age[1, cell])
-            moved = _moved(now, read[j], state[j], rhythm[j], rates, log_kept, hold)
+            limit = min(read[j], until[j]) if until.size else read[j]
+            moved = _moved(now, read[j], state[j], rhythm[j], rates, log_kept, (hold, limit))
             signed[cell], sample[cell], p[cell], age[0, cell], age[1, cell] = moved
 
 
@@ -188,7 +195,7 @@ def _filter_each(
         for j in range(offset[cell], offset[cell + 1]):
             before = j if j == offset[cell] else j - 1
             now = (signed[before], sample[before], p[before], age[0, before], age[1, before])
-            moved = _moved(now, read[j], state[j], rhythm[j], rates, log_kept, hold)
+            moved = _moved(now, read[j], state[j], rhythm[j], rates, log_kept, (hold, read[j]))
             signed[j], sample[j], p[j], age[0, j], age[1, j] = moved
 
 
@@ -200,7 +207,7 @@ def _moved(
     rhythm: float,
     rates: tuple[float, float],
     log_kept: NDArray[np.float64],
-    hold: int,
+    standing: tuple[int, int],
 ) -> Any:
     """What is kept of a cell after a reading, from what was kept before it."""
     if np.isnan(rhythm):
@@ -209,7 +216,9 @@ def _moved(
     before, free_age, occupied_age = float(rhythm), 1.0, 1.0
     if not np.isnan(signed):
         kept = (abs(signed), sample, at_reading, free, occupied)
-        before, free_age, occupied_age = _ahead(kept, min(sample + hold, read), read, rhythm, log_kept)
+        hold, limit = standing
+        until = max(sample, min(sample + hold, limit))
+        before, free_age, occupied_age = _ahead(kept, until, read, rhythm, log_kept)
     before = min(max(before, MIN_BELIEF), 1 - MIN_BELIEF)
     one, zero = weighed(before, state, rates)
     belief = np.float32(one / (one + zero))
