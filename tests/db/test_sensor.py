@@ -129,11 +129,11 @@ def test_what_is_held_is_no_evidence_of_a_sensor(ctx: Context) -> None:
 
 @pytest.mark.parametrize("compacted", [False, True])
 def test_a_belief_is_held_until_its_sensor_says_that_it_is_unavailable(ctx: Context, compacted: bool) -> None:
-    """With readings since, too: it is as if a state stood that long and no longer."""
+    """As if a state stood that long and no longer; readings that follow move what is believed without any hold."""
     n, gap = 300, 200
     times = BEGIN + MINUTE * np.append(np.arange(n), n + gap + np.arange(3))
     states = np.append(noisy(n), [0, 1, 1])
-    for name, hold_s in (("told", 4 * gap * MINUTE), ("short", 4 * MINUTE), ("long", 4 * gap * MINUTE)):
+    for name, hold_s in (("ended", 4 * gap * MINUTE), ("short", 4 * MINUTE), ("long", 4 * gap * MINUTE)):
         make_location(ctx, name, estimator="static", missing="hold", hold_s=4 * MINUTE, sensor=RATES)
         post_states(ctx, name, times[:n], states[:n])
         refit(ctx, name)
@@ -141,17 +141,17 @@ def test_a_belief_is_held_until_its_sensor_says_that_it_is_unavailable(ctx: Cont
         change_location(ctx, name, {"hold_s": hold_s})
         probability(ctx, name, times[n - 1] + 1)
     body = Body(b'{"time": [%f], "state": [null]}' % (times[n - 1] + 5 * MINUTE), JSON)
-    observe(ctx, "told", Post(body))
-    asked = times[-1] + MINUTE * np.array([-2, -1, 0])
-    found = {}
-    for name in ("told", "short", "long"):
+    observe(ctx, "ended", Post(body))
+    found, later = {}, {}
+    for name in ("ended", "short", "long"):
         if compacted:
             compact_now(ctx, name)
+        found[name] = [probability(ctx, name, times[n - 1] + minutes * MINUTE + 1) for minutes in (3, 100, gap)]
         post_states(ctx, name, times[n:], states[n:])
-        found[name] = [probability(ctx, name, time + 1, time + 1) for time in asked]
-        found[name].append(probability(ctx, name, times[-1] + 1))
-    assert found["told"] == found["short"]
-    assert found["told"] != found["long"]
+        later[name] = [probability(ctx, name, time + 1, time + 1) for time in times[-3:]]
+    assert found["ended"] == found["short"]
+    assert found["ended"][1:] != found["long"][1:]
+    assert later["ended"] == later["short"] == later["long"]
 
 
 def test_posts_are_gone_on_from_and_not_read_anew(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -23,6 +23,7 @@ from tidemap.history.history import UNOBSERVED
 from tidemap.media_types import ARROW, JSON, NPY
 from tidemap.schemas.common import iso
 from tidemap.services.context import Context
+from tidemap.services.density import Density
 from tidemap.services.information import InformationView
 from tidemap.services.predict import PredictionView
 from tidemap.services.series import SeriesView
@@ -191,6 +192,19 @@ def encode_series(view: SeriesView) -> Response:
         "state": _states(view.state),
         "observed": _states(view.observed),
         "revision": view.revision,
+    }
+    return Parts(json_columns.write(content), JSON)
+
+
+def encode_density(found: Density) -> Response:
+    """How much was observed when."""
+    content = {
+        "time": found.time,
+        "step_s": found.step_s,
+        "step_samples": found.step_samples,
+        "measurements": found.measurements,
+        "samples": found.samples,
+        "cells": found.n_counted,
     }
     return Parts(json_columns.write(content), JSON)
 

@@ -11,7 +11,7 @@ from tidemap.services.context import Context, KeptEvidence
 from tidemap.services.history import read_backwards
 from tidemap.services.readings import by_chunk, read_later
 from tidemap.services.spectra import Fitted
-from tidemap.spectral.belief import UNENDED, Beliefs
+from tidemap.spectral.belief import Beliefs
 from tidemap.spectral.detector import Detector
 from tidemap.spectral.durations import Durations
 from tidemap.spectral.prediction import predict_readings
@@ -23,9 +23,6 @@ MAX_READINGS, MIN_READINGS = 4096, 64
 MAX_ALL_READINGS = 1 << 26
 """Of all cells of a location."""
 ALL = np.iinfo(np.int64).max
-NONE = np.zeros(0, np.int64)
-Ended = dict[int, NDArray[np.int64]]
-"""By row, the samples in which its sensor said that it is unavailable, ascending."""
 
 
 def detector_of(model: Fitted) -> Detector | None:
@@ -49,14 +46,13 @@ def beliefs_at(ctx: Context, model: Fitted, cells: NDArray[np.int64], moment: fl
     for chunk, rows in by_chunk(location, cells):
         mine = before.rows(rows)
         try:
-            sequences, ends = _read(ctx, location, chunk, moment, cells[rows], mine.sample, most)
+            sequences = _read(ctx, location, chunk, moment, cells[rows], mine.sample, most)
         except CorruptChunkError:
             damaged.append(chunk)
             mine = Beliefs.none(len(rows), before.detector)
         else:
             p = predict_readings(model.spectrum, cells[rows], sequences, location.base)
-            until = _held_until(sequences, mine.sample, ends) if location.hold_samples else UNENDED
-            mine = mine.filtered(sequences, p, location.hold_samples or 0, until)
+            mine = mine.filtered(sequences, p)
         found.put(rows, mine)
     return KeptEvidence(found, damaged)
 
@@ -69,40 +65,22 @@ def _read(
     cells: NDArray[np.int64],
     since: NDArray[np.int64],
     most: int,
-) -> tuple[Sequences, Ended]:
+) -> Sequences:
     """The readings of some cells of a chunk at or before a moment: those after the sample `since` (n,), the latest
-    `most` of a cell where that is NEVER; and when their sensors said meanwhile that they are unavailable."""
+    `most` of a cell where that is NEVER."""
     local, sample = cells - chunk * CHUNK_CELLS, int(location.base.sample(moment))
     last = np.full(len(cells), sample)
     if (later := read_later(ctx, location, chunk, moment)) is not None:
         last[later[local]] -= 1
     wanted = np.where(since == NEVER, most, ALL)
     missing, rows, parts = wanted.copy(), np.arange(len(cells)), []
-    ends: Ended = {}
     for piece in read_backwards(ctx, location, chunk, sample) if len(rows) else ():
         found = Sequences.of(piece.cells(local[rows]))
         found = found.select((found.sample <= last[rows][found.cell]) & (found.sample > since[rows][found.cell]))
         parts.append((rows, found))
         missing[rows] -= found.count
-        for row in rows.tolist() if piece.ended is not None else ():
-            ends[row] = np.concatenate([piece.ends(int(local[row])), ends.get(row, NONE)])
-        rows = rows[(missing[rows] > 0) & (since[rows] < piece.start)]
+        rows = rows[(missing[rows] > 0) & (since[rows] < piece.start - 1)]
         if not rows.size:
             break
     joined = Sequences.joined(len(cells), reversed(parts))
-    return joined.select(joined.latest(wanted)), ends
-
-
-def _held_until(sequences: Sequences, since: NDArray[np.int64], ends: Ended) -> NDArray[np.int64]:
-    """The last sample in which the reading before each one may be held, that of the first in the sample `since` (n,).
-
-    That is the one before its sensor said that it is unavailable; ALL where it did not.
-    """
-    if not any(each.size for each in ends.values()):
-        return UNENDED
-    until = np.full(len(sequences.sample), ALL)
-    for row, mine in ends.items():
-        part = slice(sequences.offset[row], sequences.offset[row + 1])
-        before = np.concatenate([since[row : row + 1], sequences.sample[part]])[:-1]
-        until[part] = np.append(mine, ALL)[np.searchsorted(mine, before)] - 1
-    return until
+    return joined.select(joined.latest(wanted))

@@ -17,6 +17,7 @@ from tidemap.storage.engine import open_reader, open_writer
 from tidemap.storage.gate import Gate
 from tidemap.storage.migrate import check_version, current_version, migrate
 from tidemap.storage.outage import OutageTracker, is_outage
+from tidemap.storage.partitions import partition, unpartitioned
 from tidemap.storage.size import database_bytes
 from tidemap.storage.work import Work
 from tidemap.storage.writer import Item, RunAll, Writer
@@ -33,6 +34,24 @@ def migrate_database(url: str) -> None:
     """
     with _writing(url) as connection:
         migrate(connection)
+
+
+def partition_database(url: str, report: Callable[[str], None]) -> list[str]:
+    """Put the growing tables that lie in one piece into partitions, each in a transaction of its own; their names.
+
+    Of a PostgreSQL database with this version's schema. What was interrupted goes on where it was; `report` hears of a
+    table before it is copied. Raises SchemaVersionError, DatabaseUnusableError.
+    """
+    with _writing(url) as connection:
+        check_version(connection)
+        if connection.dialect.name != "postgresql":
+            raise DatabaseUnusableError("The embedded database has no partitions: leave --partition out.")
+        left = unpartitioned(connection)
+    for table in left:
+        report(table)
+        with _writing(url) as connection:
+            partition(connection, table)
+    return left
 
 
 def prepare_database(url: str) -> None:

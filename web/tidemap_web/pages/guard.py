@@ -18,7 +18,7 @@ from tidemap.services.context import Context
 from tidemap.services.keys import OPEN, SESSION_S, Principal, allows, by_secret, end_session, start_session
 
 _PAGE = re.compile(
-    r"/(\?[^\\#]*)?|/anomalies(\?[^\\#]*)?|/new|/locations/[^/\\?#]+(\?[^\\#]*)?|/view/?(\?[^\\#]*)?|/api/docs"
+    r"/(\?[^\\#]*)?|/anomalies(\?[^\\#]*)?|/new|/locations/[^/\\?#]+(/report)?(\?[^\\#]*)?|/view/?(\?[^\\#]*)?|/api/docs"
 )
 NO_STORE = {"Cache-Control": "no-store"}
 

@@ -79,6 +79,12 @@ class LocationRepository:
             query = query.where(location_table.c.name > after)
         return [LocationRecord.of(row) for row in self._connection.execute(query).mappings()]
 
+    def posed(self, scope: Scope = EVERYWHERE) -> Sequence[LocationRecord]:
+        """The states in scope that stand somewhere, in order of their names."""
+        query = select(location_table).where(location_table.c.kind == "state", location_table.c.pose.is_not(None))
+        query = query.where(inside(location_table.c.name, scope)).order_by(location_table.c.name)
+        return [LocationRecord.of(row) for row in self._connection.execute(query).mappings()]
+
     def names(self) -> dict[int, str]:
         """Name by id."""
         rows = self._connection.execute(select(location_table.c.id, location_table.c.name))
@@ -100,6 +106,11 @@ class LocationRepository:
     def open_anomalies(self) -> dict[int, int]:
         """How many unacknowledged anomalies each location id has, neither muted nor snoozed; without those of none."""
         return {row[0]: row[1] for row in self._connection.execute(select(_OPEN))}
+
+    def open_anomalies_of(self, location_id: int) -> int:
+        """How many of those one location has."""
+        mine = select(func.count()).where(*_IS_OPEN, anomaly.c.location_id == location_id)
+        return int(self._connection.execute(mine).scalar_one())
 
     def page(self, wanted: LocationFilter, offset: int, limit: int) -> Sequence[tuple[LocationRecord, int]]:
         """Some of them, each with how many open anomalies it has."""
@@ -165,10 +176,15 @@ class LocationRepository:
             raise LocationExistsError(name)
 
 
+_IS_OPEN = (
+    anomaly.c.acknowledged.is_(False),
+    anomaly.c.part_of.is_(None),
+    anomaly.c.muted.is_(False),
+    anomaly.c.snoozed_until.is_(None),
+)
 _OPEN = (
     select(anomaly.c.location_id, func.count().label("open"))
-    .where(anomaly.c.acknowledged.is_(False), anomaly.c.part_of.is_(None))
-    .where(anomaly.c.muted.is_(False), anomaly.c.snoozed_until.is_(None))
+    .where(*_IS_OPEN)
     .group_by(anomaly.c.location_id)
     .subquery()
 )
