@@ -64,13 +64,15 @@ def demo(arguments: list[str]) -> Iterator[str]:
 
 
 def lists(page: Page, url: str, kind: str) -> None:
-    """The pages beside the viewer: all locations, one of them, and all anomalies."""
+    """The pages beside the viewer: all locations, one of them with its report, and all anomalies."""
     with Client(url) as tidemap:
         door = next(each.name for each in tidemap.locations() if each.kind == "state")
     for name, path, drawn_when in (
         ("overview", "/", "svg.spark"),
         ("location", f"/locations/{door}", ".week"),
+        ("report", f"/locations/{door}/report", "#week table"),
         ("anomalies", "/anomalies?state=all", "main"),
+        ("api", "/api/docs#get_state", "#get_state[open]"),
     ):
         page.goto(url + path)
         page.locator(drawn_when).first.wait_for()

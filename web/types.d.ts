@@ -60,11 +60,11 @@ export interface HoverMessage {
 
 /** A message of the stream of events. */
 export interface LiveMessage {
-  kind: "observation" | "anomaly" | "update" | "job" | "location";
+  kind: "observation" | "anomaly" | "update" | "job" | "location" | "attention";
   location: string;
   id: number;
   time: string;
-  change?: "created" | "changed" | "deleted";
+  change?: "created" | "changed" | "deleted" | "acknowledged" | "snoozed" | "muted" | "unmuted";
   called?: string | null;
 }
 
@@ -139,10 +139,32 @@ export interface ViewState {
   reach: "day" | "week" | "all" | null;
   /** What the timeline was zoomed to. */
   span: [number, number] | null;
+  /** What playing goes round in. */
+  loop: [number, number] | null;
   grid: GridMessage | null;
   frame: FrameMessage | null;
   events: Mark[];
   playing: boolean;
+}
+
+/** What a location's page shows: the location as it is now, and what is chosen of it. */
+export interface LocationView extends Shared {
+  name: string;
+  isGrid: boolean;
+  path: string;
+  zone: string;
+  interval: number;
+  confidence: number;
+  revision: number;
+  first: number | null;
+  last: number | null;
+}
+
+/** What a location's page and the viewer in it show both; `time` is null where it is that of the newest observation. */
+export interface Shared {
+  cell: number | null;
+  time: number | null;
+  span: [number, number] | null;
 }
 
 /** The elements of the pages that are no plain ones, by id. */
@@ -170,6 +192,10 @@ export interface Controls {
   "observed-layer": HTMLSelectElement;
   "zone-layer": HTMLSelectElement;
   series: HTMLCanvasElement;
+  "take-picture": HTMLButtonElement;
+  "take-loop": HTMLButtonElement;
+  "take-table": HTMLButtonElement;
+  "take-report": HTMLAnchorElement;
   "loading-bar": HTMLProgressElement;
   "settings-form": HTMLFormElement;
   "new-form": HTMLFormElement;
@@ -183,14 +209,37 @@ export interface Series {
   observed: (number | null)[];
 }
 
+/** As much of the frame with viser's client as is used. */
+export interface SceneWindow extends Window {
+  __viserMutable?: {
+    canvas: HTMLCanvasElement | null;
+    camera: { fov: number } | null;
+    cameraControl: { distance: number } | null;
+    messageQueue: unknown[];
+    requestRender(): void;
+  };
+}
+
+/** How much was observed in the steps from `time` on, each of `step_s`. */
+export interface Density {
+  time: number[];
+  step_s: number;
+  step_samples: number;
+  measurements: number[];
+  samples: number[];
+  cells: number;
+}
+
 /** What a chart shows. */
 export interface ChartState {
-  series: Series;
+  series: Series & { step: number };
   events: (Mark & { probability: number })[];
   outliers: [number, number][];
   last: number;
   confidence: number;
-  step: number;
+  span: [number, number];
+  /** The moment that the page shows. */
+  moment(): number | null;
 }
 
 /** An anomaly as the API lists it. */
@@ -259,16 +308,12 @@ export interface Plot {
   valToPos(value: number, scale: string, canvas: boolean): number;
   posToVal(position: number, scale: string): number;
   setSelect(box: { left: number; width: number; top: number; height: number }, fire: boolean): void;
+  redraw(rebuild: boolean, recalculate: boolean): void;
   setSize(size: { width: number; height: number }): void;
   destroy(): void;
 }
 
 declare global {
-  const SwaggerUIBundle: {
-    (how: object): void;
-    presets: { apis: object };
-    SwaggerUIStandalonePreset: object;
-  };
   const uPlot: new (options: object, data: unknown[], host: HTMLElement) => Plot;
   const htmx: {
     ajax(method: string, address: string, how: { target: string; swap: string }): Promise<void>;

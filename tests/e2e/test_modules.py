@@ -178,3 +178,19 @@ def test_a_stream_of_what_is_gone_is_not_taken_for_a_lost_connection(
       return { said, again: opened > 1 };
     }"""
     assert run(module, "core/live.js", script, status) == {"said": said, "again": status == 200}
+
+
+def test_the_address_of_a_location_carries_cell_and_moment(module: Page) -> None:
+    read = "(search, isGrid) => m.readLocation(search, { isGrid })"
+    moment = datetime(2026, 3, 5, 10, tzinfo=UTC).timestamp()
+    for search, is_grid, expected in (
+        ("?cell=7&time=2026-03-05T10:00:00Z", True, {"cell": 7, "time": moment}),
+        (f"?cell=7&time={moment}", False, {"cell": 0, "time": moment}),
+        ("?cell=x&time=10:00", True, {"cell": None, "time": None}),
+    ):
+        assert run(module, "core/location.js", read, search, is_grid) == expected
+    write = "(cell, time, search) => m.writeLocation({ cell, time, isGrid: true }, search)"
+    assert (
+        run(module, "core/location.js", write, 7, moment + 0.25, "?x=1&time=3") == f"?x=1&time={moment + 0.25}&cell=7"
+    )
+    assert run(module, "core/location.js", write, None, None, "?cell=3&time=3") == "/"

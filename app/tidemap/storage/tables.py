@@ -1,4 +1,8 @@
-"""The tables of DESIGN section 3. Every primary key begins with `location_id`, the key of a later sharding."""
+"""The tables of DESIGN section 3. Every key of what belongs to a location begins with `location_id`.
+
+By that the tables that grow are partitioned on PostgreSQL, and all of them can be distributed. The ids of events and
+jobs are taken from counters, so that no two are alike, though no index says so.
+"""
 
 from sqlalchemy import (
     BigInteger,
@@ -98,6 +102,19 @@ source = Table(
     sqlite_with_rowid=False,
 )
 
+# Whose posts were refused: `count` since a time, without a day between two of them, and what was wrong with the last.
+refusal = Table(
+    "refusal",
+    metadata,
+    _location_id(),
+    Column("name", String(128), primary_key=True),
+    Column("count", BigInt, nullable=False),
+    Column("since", Float(53), nullable=False),
+    Column("last_at", Float(53), nullable=False),
+    Column("reason", Text, nullable=False),
+    sqlite_with_rowid=False,
+)
+
 # What became of each scan; those in quarantine still carry their points, and their idempotency key, as no observation
 # has it. `observation` is the number of the one that a scan became.
 scan = Table(
@@ -186,7 +203,7 @@ anomaly = Table(
     Column("muted", Boolean, nullable=False, server_default=false()),
     Column("snoozed_by", String(128)),
     Column("snoozed_until", Float(53)),
-    Index("ix_anomaly_id", "id", unique=True),
+    Index("ix_anomaly_id", "id"),
     Index("ix_anomaly_change", "change"),
     Index("ix_anomaly_ended", "ended", "stop"),
     Index("ix_anomaly_stop", "location_id", "stop", "start"),
@@ -206,7 +223,7 @@ job = Table(
     Column("result", LargeBinary),
     Column("created_at", Float(53), nullable=False),
     Column("finished_at", Float(53)),
-    Index("ix_job_id", "id", unique=True),
+    Index("ix_job_id", "id"),
     Index("ix_job_state", "state"),
 )
 

@@ -72,6 +72,16 @@ function numbers(text, count) {
 }
 
 /**
+ * The loop of an address, from a moment to a later one.
+ * @param {string | null} text
+ * @returns {[number, number] | null}
+ */
+function loopIn(text) {
+  const [start, stop] = numbers(text, 2) ?? [0, 0];
+  return start < stop && Math.abs(start) <= FARTHEST && Math.abs(stop) <= FARTHEST ? [start, stop] : null;
+}
+
+/**
  * What an address asks for; what it does not say is as at the beginning.
  * @param {string} search
  * @returns {Partial<ViewState>}
@@ -97,6 +107,7 @@ export function readAddress(search) {
     observed: oneOf(asked.get("observed"), /** @type {const} */ (["seen", "age"])),
     cell: cellOf(asked.get("cell")),
     camera: cameraOf(asked.get("camera")),
+    loop: loopIn(asked.get("loop")),
     zone: oneOf(asked.get("zone"), /** @type {const} */ (["location", "mine", "UTC"])),
   };
 }
@@ -121,6 +132,7 @@ export function writeAddress(view, search) {
   set("crop", view.crop && `${view.crop[0]}-${view.crop[1]},${view.crop[2]}-${view.crop[3]}`);
   set("walls", view.dim ? null : "coloured");
   set("slice", view.low === null && view.high === null ? null : `${view.low ?? 0}-${view.high ?? 65535}`);
+  set("loop", view.loop?.map(Math.round).join(",") ?? null);
   set("camera", view.camera?.map((value) => Number(value.toFixed(2))).join(",") ?? null);
   return `?${query}`;
 }
@@ -148,7 +160,7 @@ export function keepAddress(state) {
     clearTimeout(timer);
     query = window.location.search;
     const asked = readAddress(query);
-    const elsewhere = asked.location !== state.values.location ? { grid: null, frame: null, events: [], span: null } : {};
+    const elsewhere = asked.location !== state.values.location ? { grid: null, frame: null, events: [], span: null, loop: null } : {};
     state.change({ ...asked, ...elsewhere, playing: false });
   });
 }

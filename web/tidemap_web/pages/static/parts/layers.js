@@ -11,7 +11,7 @@ import { countText, durationText } from "../core/words.js";
  */
 export function mount(state, aim) {
   $("location").addEventListener("change", () => {
-    const other = { location: $("location").value, grid: null, frame: null, events: [], span: null, reach: null };
+    const other = { location: $("location").value, grid: null, frame: null, events: [], span: null, reach: null, loop: null };
     state.change({ ...other, time: null, live: true, playing: false, cell: null, camera: null, low: null, high: null }, "push");
   });
   slider(state, "confidence", (value) => ({ confidence: value }));
