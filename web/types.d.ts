@@ -60,11 +60,11 @@ export interface HoverMessage {
 
 /** A message of the stream of events. */
 export interface LiveMessage {
-  kind: "observation" | "anomaly" | "update" | "job" | "location";
+  kind: "observation" | "anomaly" | "update" | "job" | "location" | "attention";
   location: string;
   id: number;
   time: string;
-  change?: "created" | "changed" | "deleted";
+  change?: "created" | "changed" | "deleted" | "acknowledged" | "snoozed" | "muted" | "unmuted";
   called?: string | null;
 }
 

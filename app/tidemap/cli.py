@@ -81,6 +81,11 @@ def parser() -> argparse.ArgumentParser:
     _add_demo(commands)
     add_files(commands)
     migrate = commands.add_parser("migrate", help="bring the database to this version's schema")
+    migrate.add_argument(
+        "--partition",
+        action="store_true",
+        help="also put the tables that grow into partitions by location, on PostgreSQL; servers wait meanwhile",
+    )
     add_database(migrate)
     add_json(migrate)
     migrate.set_defaults(command=_migrate)
@@ -142,12 +147,23 @@ def _add_verify(commands: "argparse._SubParsersAction[argparse.ArgumentParser]")
 
 
 def _migrate(arguments: argparse.Namespace) -> int:
-    from tidemap.storage.store import migrate_database
+    from tidemap.storage.store import migrate_database, partition_database
 
     settings = settings_of(arguments)
     migrate_database(settings.url)
-    print(json.dumps({"migrated": True}) if arguments.json else "The database is up to date.")
+    say = _quiet if arguments.json else _say_partitioned
+    done = partition_database(settings.url, say) if arguments.partition else []
+    report = {"migrated": True, "partitioned": done}
+    print(json.dumps(report) if arguments.json else "The database is up to date.")
     return DONE
+
+
+def _say_partitioned(table: str) -> None:
+    print(f"Putting {table} into partitions.", flush=True)
+
+
+def _quiet(_table: str) -> None:
+    """Who asks for JSON reads one object."""
 
 
 def _backup(arguments: argparse.Namespace) -> int:

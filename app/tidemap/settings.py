@@ -173,6 +173,12 @@ class Settings(BaseSettings):
         "default `secret.key` in `data`. Servers of one database share it. Keep a copy, apart from the database's.",
     )
     viewer: bool = Field(True, description="Run the 3D viewer.")
+    max_stop_s: float = Field(
+        25.0,
+        gt=0,
+        description="How long stopping takes at most, with the ten seconds in which requests are answered; then the "
+        "process ends by force and says what a database that hangs was asked for.",
+    )
     viewer_tabs: int = Field(
         50,
         gt=0,

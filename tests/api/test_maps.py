@@ -340,9 +340,19 @@ class TestPredict:
         bits = -np.sum(both * np.log2(both, out=np.zeros_like(both), where=both > 0), axis=0)
         assert answer["entropy"][0] == pytest.approx(bits.tolist(), abs=1e-6)
 
+    @pytest.mark.parametrize("copies", [1, 12_000], ids=["a few", "more than are parsed at once"])
+    def test_cells_are_linear_or_indices(self, api: Api, lab: str, copies: int) -> None:
+        answers = [
+            done(api.post(f"/locations/{lab}/predict", {"time": [NOON], "cell": cell * copies}))
+            for cell in ([2, 0, 9], [[0, 1, 0], 0, [1, 1, 1]], [[0, 1, 0], [0, 0, 0], [1, 1, 1]])
+        ]
+        assert answers[0]["cell"] == [2, 0, 9] * copies
+        assert answers[0] == answers[1] == answers[2]
+
     def test_cells_outside_are_not_found(self, api: Api, lab: str) -> None:
-        for cell in (-1, 24, 2**40):
+        for cell in (-1, 24, 2**40, [4, 0, 0], [0, -1, 0]):
             found = problem(api.post(f"/locations/{lab}/predict", {"time": [NOON], "cell": [0, cell]}), 404)
+            assert f"Cell {cell} is outside" in found["detail"]
             assert "0 to 23" in found["detail"]
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from fastapi import Request
 from numpy.typing import NDArray
+from starlette.datastructures import Headers
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
@@ -45,13 +46,22 @@ def preferred(request: Request, offered: tuple[str, ...]) -> str:
 def with_etag(request: Request, key: tuple[object, ...], respond: Callable[[], Response]) -> Response:
     """304 when the asker holds this version already, else the response with its ETag."""
     etag = '"' + hashlib.sha256(repr(key).encode()).hexdigest()[:32] + '"'
-    headers = {"ETag": etag, "Cache-Control": "private, no-cache", "Vary": "Accept, Authorization, Cookie"}
-    known = [each.strip().removeprefix("W/") for each in request.headers.get("if-none-match", "").split(",")]
-    if etag in known:
+    headers = etag_headers(etag)
+    if holds(request.headers, etag):
         return Response(status_code=304, headers=headers)
     response = respond()
     response.headers.update(headers)
     return response
+
+
+def holds(headers: Headers, etag: str) -> bool:
+    """Whether an asker holds this version, as the request's headers say."""
+    return etag in (each.strip().removeprefix("W/") for each in headers.get("if-none-match", "").split(","))
+
+
+def etag_headers(etag: str) -> dict[str, str]:
+    """What an answer of this version says, and one without it."""
+    return {"ETag": etag, "Cache-Control": "private, no-cache", "Vary": "Accept, Authorization, Cookie"}
 
 
 class Parts(Response):

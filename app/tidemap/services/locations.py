@@ -150,7 +150,7 @@ def get_location(ctx: Context, name: str) -> LocationSummary:
     with ctx.store.read() as work:
         record = work.locations.get(name)
         revision = work.spectra.get(record.id, record.revision)
-        return summary(record, revision, work.locations.open_anomalies().get(record.id, 0))
+        return summary(record, revision, work.locations.open_anomalies_of(record.id))
 
 
 def list_locations(

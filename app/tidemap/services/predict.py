@@ -1,12 +1,13 @@
 """Questions about some cells at many times (Eq. 3)."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.errors import CellNotFoundError, InvalidInputError
+from tidemap.formats.json_columns.small import cells_of
 from tidemap.history.history import UNOBSERVED
 from tidemap.services.context import Context
 from tidemap.services.given import Given, Known, known_at
@@ -40,10 +41,13 @@ class PredictionView:
 
 @dataclass(frozen=True, slots=True)
 class PredictQuery:
-    """A question for many times; `cell` None asks for all cells. `as_of` and `given` are as of a `StateQuery`."""
+    """A question for many times; `cell` None asks for all cells, each linear or [i,j,k].
+
+    `as_of` and `given` are as of a `StateQuery`.
+    """
 
     time: list[float]
-    cell: list[int] | None = None
+    cell: Sequence[int | Sequence[int]] | None = None
     confidence: float | None = None
     order: int | None = None
     estimator: str | None = None
@@ -123,14 +127,16 @@ def predicted_blocks(
         yield part, p if known is None else known.condition(p, time[part])
 
 
-def _cells(model: Fitted, cells: list[int] | None) -> NDArray[np.int64]:
+def _cells(model: Fitted, cells: Sequence[int | Sequence[int]] | None) -> NDArray[np.int64]:
     n_cells = model.location.n_cells
     if cells is None:
         return np.arange(n_cells)
-    for cell in cells:
-        check_cell(model.location, cell)
-    model.check_readable(cells)
-    return np.asarray(cells, np.int64)
+    found = cells_of(list(cells), "cell", model.location.cells)
+    outside = np.flatnonzero((found < 0) | (found >= n_cells))
+    if outside.size:
+        raise CellNotFoundError(cells[outside[0]], n_cells)
+    model.check_readable(found)
+    return found
 
 
 def check_cell(location: LocationRecord, cell: int) -> None:

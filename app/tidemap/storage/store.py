@@ -12,10 +12,12 @@ from sqlalchemy import Connection, Dialect, make_url
 from sqlalchemy.exc import DBAPIError
 
 from tidemap.errors import DatabaseUnusableError, StorageUnavailableError
+from tidemap.storage.changes import Changes
 from tidemap.storage.engine import open_reader, open_writer
 from tidemap.storage.gate import Gate
 from tidemap.storage.migrate import check_version, current_version, migrate
 from tidemap.storage.outage import OutageTracker, is_outage
+from tidemap.storage.partitions import partition, unpartitioned
 from tidemap.storage.size import database_bytes
 from tidemap.storage.work import Work
 from tidemap.storage.writer import Item, RunAll, Writer
@@ -32,6 +34,24 @@ def migrate_database(url: str) -> None:
     """
     with _writing(url) as connection:
         migrate(connection)
+
+
+def partition_database(url: str, report: Callable[[str], None]) -> list[str]:
+    """Put the growing tables that lie in one piece into partitions, each in a transaction of its own; their names.
+
+    Of a PostgreSQL database with this version's schema. What was interrupted goes on where it was; `report` hears of a
+    table before it is copied. Raises SchemaVersionError, DatabaseUnusableError.
+    """
+    with _writing(url) as connection:
+        check_version(connection)
+        if connection.dialect.name != "postgresql":
+            raise DatabaseUnusableError("The embedded database has no partitions: leave --partition out.")
+        left = unpartitioned(connection)
+    for table in left:
+        report(table)
+        with _writing(url) as connection:
+            partition(connection, table)
+    return left
 
 
 def prepare_database(url: str) -> None:
@@ -179,6 +199,11 @@ class Store:
     def on_commit(self, listener: Callable[[float], object]) -> None:
         """Call `listener`, which only takes note, with the seconds that every group commit takes from now on."""
         self._writer.on_commit = listener
+
+    @property
+    def changes(self) -> Changes:
+        """Whether what lists of events show is as it was."""
+        return self._writer.changes
 
     def outage(self) -> str | None:
         """Why the database cannot be written, as the last write showed; None when it can."""

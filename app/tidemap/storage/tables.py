@@ -1,4 +1,8 @@
-"""The tables of DESIGN section 3. Every primary key begins with `location_id`, the key of a later sharding."""
+"""The tables of DESIGN section 3. Every key of what belongs to a location begins with `location_id`.
+
+By that the tables that grow are partitioned on PostgreSQL, and all of them can be distributed. The ids of events and
+jobs are taken from counters, so that no two are alike, though no index says so.
+"""
 
 from sqlalchemy import (
     BigInteger,
@@ -199,7 +203,7 @@ anomaly = Table(
     Column("muted", Boolean, nullable=False, server_default=false()),
     Column("snoozed_by", String(128)),
     Column("snoozed_until", Float(53)),
-    Index("ix_anomaly_id", "id", unique=True),
+    Index("ix_anomaly_id", "id"),
     Index("ix_anomaly_change", "change"),
     Index("ix_anomaly_ended", "ended", "stop"),
     Index("ix_anomaly_stop", "location_id", "stop", "start"),
@@ -219,7 +223,7 @@ job = Table(
     Column("result", LargeBinary),
     Column("created_at", Float(53), nullable=False),
     Column("finished_at", Float(53)),
-    Index("ix_job_id", "id", unique=True),
+    Index("ix_job_id", "id"),
     Index("ix_job_state", "state"),
 )
 

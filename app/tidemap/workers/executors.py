@@ -34,6 +34,10 @@ class Limited:
 class Pool(Executor, Protocol):
     """An executor of this process's own, which ends it."""
 
+    def on_wait(self, listener: Callable[[str | None], None]) -> None:
+        """Call `listener` with what tasks wait for, and with None where they run."""
+        ...
+
     def request_stop(self) -> None:
         """Let running tasks end and start no more."""
         ...
@@ -60,6 +64,9 @@ class LocalExecutor:
         self._ctx = ctx
         self._pool = ThreadPoolExecutor(threads, thread_name_prefix="tidemap-update")
         self._closed = False
+
+    def on_wait(self, listener: Callable[[str | None], None]) -> None:
+        """Threads are always there: nothing is ever waited for."""
 
     def map(self, run: Callable[[Context, Item], Value], items: Iterable[Item]) -> Iterable[Value]:
         """Results in the order of the items. Raises ShuttingDownError when it is closed before the last."""

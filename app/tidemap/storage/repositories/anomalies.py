@@ -158,28 +158,36 @@ class AnomalyRepository:
 
     def get(self, anomaly_id: int) -> AnomalyRecord:
         """The event, or the older one that it is a part of. Raises AnomalyNotFoundError."""
-        row = self._connection.execute(_BY_ID, {"id": anomaly_id}).mappings().first()
+        return self._of(self._location_of(anomaly_id), anomaly_id)
+
+    def _of(self, location_id: int, anomaly_id: int) -> AnomalyRecord:
+        row = self._connection.execute(_BY_ID, {"location": location_id, "id": anomaly_id}).mappings().first()
         if row is None:
             raise AnomalyNotFoundError(anomaly_id)
-        return _record(row) if row["part_of"] is None else self.get(row["part_of"])
+        return _record(row) if row["part_of"] is None else self._of(location_id, row["part_of"])
+
+    def _location_of(self, anomaly_id: int) -> int:
+        """Whose event it is: every further question about it is one about its location."""
+        found = self._connection.execute(_OWNER, {"id": anomaly_id}).scalar()
+        if found is None:
+            raise AnomalyNotFoundError(anomaly_id)
+        return int(found)
 
     def acknowledge(self, anomaly_id: int, by: str, at: float, note: str | None) -> AnomalyRecord:
         """Raises AnomalyNotFoundError. Acknowledging again replaces who, when and the note."""
-        values = {"acknowledged": True, "acknowledged_by": by, "acknowledged_at": at, "note": note}
-        known = self._locked(anomaly_id)
-        self._connection.execute(update(anomaly).where(anomaly.c.id == known).values(**values))
-        return self.get(known)
+        known = replace(self.locked(anomaly_id), acknowledged_by=by, acknowledged_at=at, note=note)
+        return self.mark([known])[0]
 
     def locked(self, anomaly_id: int) -> AnomalyRecord:
         """As `get`, and nobody else changes it meanwhile. Raises AnomalyNotFoundError."""
-        return self.get(self._locked(anomaly_id))
+        return self._of(*self._locked(self._location_of(anomaly_id), anomaly_id))
 
-    def _locked(self, anomaly_id: int) -> int:
-        """The id of the event, or of the older one that it is a part of, which nobody else changes meanwhile."""
-        row = self._connection.execute(_LOCKED, {"id": anomaly_id}).first()
+    def _locked(self, location_id: int, anomaly_id: int) -> tuple[int, int]:
+        """Location and id of the event, or of the older one that it is a part of, which nobody else changes now."""
+        row = self._connection.execute(_LOCKED, {"location": location_id, "id": anomaly_id}).first()
         if row is None:
             raise AnomalyNotFoundError(anomaly_id)
-        return anomaly_id if row.part_of is None else self._locked(row.part_of)
+        return (location_id, anomaly_id) if row.part_of is None else self._locked(location_id, row.part_of)
 
 
 def _query(wanted: AnomalyFilter) -> Select[Any]:
@@ -237,8 +245,10 @@ def _record(row: RowMapping) -> AnomalyRecord:
         return AnomalyRecord(**{**values, "cells": np.empty(0, np.int64)}, damage=error.with_traceback(None))
 
 
-_BY_ID = select(anomaly).where(anomaly.c.id == bindparam("id"))
-_LOCKED = select(anomaly.c.part_of).where(anomaly.c.id == bindparam("id")).with_for_update()
+_OWNER = select(anomaly.c.location_id).where(anomaly.c.id == bindparam("id"))
+_ONE = (anomaly.c.location_id == bindparam("location"), anomaly.c.id == bindparam("id"))
+_BY_ID = select(anomaly).where(*_ONE)
+_LOCKED = select(anomaly.c.part_of).where(*_ONE).with_for_update()
 _NEAR = (
     select(anomaly)
     .where(anomaly.c.location_id == bindparam("location"), anomaly.c.part_of.is_(None), anomaly.c.rule != SILENCE)

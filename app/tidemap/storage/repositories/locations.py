@@ -8,6 +8,7 @@ from sqlalchemy import Connection, Select, bindparam, delete, func, insert, sele
 
 from tidemap.errors import LocationExistsError, LocationNotFoundError
 from tidemap.scope import EVERYWHERE, Scope
+from tidemap.storage.changes import UNCOUNTED
 from tidemap.storage.counters import take
 from tidemap.storage.records import LocationRecord
 from tidemap.storage.scoping import inside
@@ -106,6 +107,11 @@ class LocationRepository:
         """How many unacknowledged anomalies each location id has, neither muted nor snoozed; without those of none."""
         return {row[0]: row[1] for row in self._connection.execute(select(_OPEN))}
 
+    def open_anomalies_of(self, location_id: int) -> int:
+        """How many of those one location has."""
+        mine = select(func.count()).where(*_IS_OPEN, anomaly.c.location_id == location_id)
+        return int(self._connection.execute(mine).scalar_one())
+
     def page(self, wanted: LocationFilter, offset: int, limit: int) -> Sequence[tuple[LocationRecord, int]]:
         """Some of them, each with how many open anomalies it has."""
         columns = {"name": location_table.c.name, "seen": location_table.c.last_time, "anomalies": _COUNTED}
@@ -151,7 +157,8 @@ class LocationRepository:
     def judged(self, location_id: int, until: float) -> None:
         """Say up to when what is held was judged."""
         mine = location_table.c.id == location_id
-        self._connection.execute(update(location_table).where(mine).values(judged_to=until))
+        query = update(location_table).where(mine).values(judged_to=until)
+        self._connection.execute(query.execution_options(**UNCOUNTED))
 
     def delete(self, name: str) -> int:
         """With everything that belongs to it; its id. Raises LocationNotFoundError."""
@@ -169,10 +176,15 @@ class LocationRepository:
             raise LocationExistsError(name)
 
 
+_IS_OPEN = (
+    anomaly.c.acknowledged.is_(False),
+    anomaly.c.part_of.is_(None),
+    anomaly.c.muted.is_(False),
+    anomaly.c.snoozed_until.is_(None),
+)
 _OPEN = (
     select(anomaly.c.location_id, func.count().label("open"))
-    .where(anomaly.c.acknowledged.is_(False), anomaly.c.part_of.is_(None))
-    .where(anomaly.c.muted.is_(False), anomaly.c.snoozed_until.is_(None))
+    .where(*_IS_OPEN)
     .group_by(anomaly.c.location_id)
     .subquery()
 )

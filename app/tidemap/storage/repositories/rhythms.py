@@ -28,7 +28,8 @@ class RhythmRepository:
 
     def silent(self, location_ids: Collection[int]) -> Mapping[int, float]:
         """Since when those of some locations are silent that are."""
-        query = select(rhythm.c.location_id, anomaly.c.start).join(anomaly, anomaly.c.id == rhythm.c.silence)
+        event = (anomaly.c.location_id == rhythm.c.location_id) & (anomaly.c.id == rhythm.c.silence)
+        query = select(rhythm.c.location_id, anomaly.c.start).join(anomaly, event)
         rows = self._connection.execute(query.where(rhythm.c.location_id.in_(location_ids)))
         return {row.location_id: row.start for row in rows}
 
