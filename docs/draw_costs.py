@@ -1,7 +1,8 @@
 """The picture of docs/scaling.md: how what things cost grows with what there is of them. `python -m docs.draw_costs`.
 
 Each curve is measured over two decades, in processor seconds, the least of some, so that other work on the machine
-counts little; the numbers are printed, a JSON line a curve. It takes some minutes.
+counts little; the numbers are printed, a JSON line a curve. It takes some minutes. `python -m docs.draw_costs FILE`
+draws what was printed before.
 """
 
 import json
@@ -10,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import count
+from pathlib import Path
 
 import numpy as np
 
@@ -21,8 +23,6 @@ from tests.bench.figures.viewer import stepped, watched
 from tests.bench.traffic import Load, Tally, Traffic
 from tests.support.contexts import Clock, opened, refit
 from tests.support.paths import ROOT
-from tidemap.client import arrow
-from tidemap.client.encoding import snapshot
 from tidemap.formats.registry import Body
 from tidemap.history.history import History
 from tidemap.history.timebase import TimeBase
@@ -97,8 +97,8 @@ def services() -> Iterator[Curve]:
 
 def posted(ctx: Context, n_cells: int) -> float:
     """Milliseconds of a post, its share of a commit of its own included."""
-    body = Body(arrow.write(snapshot(ctx.clock(), lab.CELLS[:0], lab.CELLS[:n_cells]).named()), ARROW)
-    return cpu_ms(lambda: observe(ctx, lab.NAME, Post(body)))
+    bodies = iter([Body(lab.seen(ctx.clock() - 2.0 * back, n_cells), ARROW) for back in range(10 * ROUNDS)])
+    return cpu_ms(lambda: observe(ctx, lab.NAME, Post(next(bodies))), 9 * ROUNDS)
 
 
 def asked(n_cells: int) -> float:
@@ -153,10 +153,18 @@ def draw(curves: Sequence[Curve]) -> None:
             axes.set_ylabel("ms of CPU")
 
 
-def main() -> None:
-    """Measure and draw."""
-    draw([*updates(), *services(), *fleets()])
+def read(file: Path) -> Iterator[Curve]:
+    """Curves that were printed."""
+    for line in file.read_text().splitlines():
+        said = json.loads(line)
+        (unit,) = said.keys() - {"curve", "ms"}
+        yield Curve(said["curve"], unit, said[unit], said["ms"])
+
+
+def main(files: Sequence[str]) -> None:
+    """Measure, or read, and draw."""
+    draw([*read(Path(files[0]))] if files else [*updates(), *services(), *fleets()])
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

@@ -34,7 +34,7 @@ class Costs:
 
 
 def measured(load: Load, one: Load, length_s: float) -> Costs:
-    """Each alone, at a low rate, which is dear: what comes together shares commits. `one`: with one location only."""
+    """Each alone, posts at a rate at which some share a commit and a compaction. `one`: with one location only."""
     idle = load.run(Traffic(), length_s)
     base = idle.cpu_s / idle.seconds
 
@@ -42,7 +42,7 @@ def measured(load: Load, one: Load, length_s: float) -> Costs:
         """Beyond doing nothing."""
         return tally.cpu_s - base * tally.seconds
 
-    posts = load.run(Traffic(robots=10), length_s)
+    posts = load.run(Traffic(robots=25), length_s)
     post = more(posts) / posts.done["post"]
     polls = load.run(Traffic(dashboards=5), length_s)
     updates = load.run(Traffic(updates=2), 0.0)

@@ -25,14 +25,14 @@ N_SEEN, NOISE = 10_000, 0.005
 LEARNED_LOOKS = 96
 
 
-def seen(time_s: float) -> bytes:
+def seen(time_s: float, n_seen: int = N_SEEN) -> bytes:
     """The body of a look: first the cells seen occupied, then those seen free, as the client sends them.
 
     Every look misses other cells of the box, and sees 0.5 % of its cells wrongly.
     """
     random = np.random.default_rng(int(time_s))
-    rows = np.sort(random.choice(CELLS.size, N_SEEN, replace=False))
-    occupied = _occupied(time_s)[rows] ^ (random.random(N_SEEN) < NOISE)
+    rows = np.sort(random.choice(CELLS.size, n_seen, replace=False))
+    occupied = _occupied(time_s)[rows] ^ (random.random(n_seen) < NOISE)
     return arrow.write(snapshot(time_s, CELLS[rows[occupied]], CELLS[rows[~occupied]]).named())
 
 

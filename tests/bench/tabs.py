@@ -18,7 +18,7 @@ from websockets.typing import Subprotocol
 
 from tests.bench.watching import CAMERA, answer
 
-WAIT_S = 120.0
+WAIT_S = 600.0
 HOW: dict[str, Any] = {"proxy": None, "max_size": None, "compression": None}
 
 

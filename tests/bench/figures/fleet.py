@@ -1,6 +1,6 @@
 """fleet: what a cost model says that fifty robots, dashboards and viewers take of a server, against what they take.
 
-The model is measured first, each kind of traffic alone and at a low rate. The value is its forecast of processor
+The model is measured first, each kind of traffic alone, at half the rate or less. The value is its forecast of CPU
 seconds, the floor what the server paid; `disk_ratio` is the same of bytes. Both are to be within 30 %.
 `FLEET_S=120 python -m tests.bench fleet` takes another time.
 """
@@ -36,7 +36,9 @@ def measure(length_s: float = float(os.environ.get("FLEET_S", "60")), fleet: Tra
         costs = measured(load, one, length_s)
         seen = load.run(fleet, length_s)
     value = costs.cpu_s(seen, fleet.viewers, len(NAMES))
-    details: dict[str, float | int | str] = {name: float(f"{each:.3g}") for name, each in asdict(costs).items()}
+    details: dict[str, float | int | str] = {
+        f"{name}_cost": float(f"{each:.3g}") for name, each in asdict(costs).items()
+    }
     details |= dict(sorted(seen.done.items()))
     details |= {
         "seconds": round(seen.seconds),
