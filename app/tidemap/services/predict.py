@@ -10,6 +10,8 @@ from tidemap.errors import CellNotFoundError, InvalidInputError
 from tidemap.history.history import UNOBSERVED
 from tidemap.services.context import Context
 from tidemap.services.given import Given, Known, known_at
+from tidemap.services.locations import find_location
+from tidemap.services.parts import Cells
 from tidemap.services.spectra import Fitted, fitted
 from tidemap.spectral.prediction import entropy, predict_times, state
 from tidemap.spectral.spectrum import Spectrum
@@ -61,18 +63,16 @@ def predict_at(
     Raises LocationNotFoundError, NoModelError, CellNotFoundError, CorruptChunkError, InvalidInputError when it asks for
     too much.
     """
-    model = fitted(ctx, name, query.estimator, query.order)
-    cell = _cells(model, query.cell)
-    n_points = len(cell) * len(query.time)
-    if n_points > ctx.settings.max_points:
-        raise InvalidInputError.at(
-            "time", f"{n_points} values are more than {ctx.settings.max_points}; ask for fewer times or cells"
-        )
+    location = find_location(ctx, name)
+    cell = _cells(ctx, location, query)
+    model = fitted(ctx, name, query.estimator, query.order, part=Cells(cell))
+    if query.cell is not None:
+        model.check_readable(cell)
     confidence = model.location.confidence if query.confidence is None else query.confidence
     time = np.asarray(query.time, np.float64)
     as_of = ctx.clock() if query.as_of is None else query.as_of
     known = _known_of(ctx, model, cell, as_of) if query.given == "observations" else None
-    probability = predict_in_blocks(model.spectrum, time, cell, check, known)
+    probability = predict_in_blocks(model.spectrum, time, model.rows(cell), check, known)
     return PredictionView(
         time,
         cell,
@@ -123,14 +123,16 @@ def predicted_blocks(
         yield part, p if known is None else known.condition(p, time[part])
 
 
-def _cells(model: Fitted, cells: list[int] | None) -> NDArray[np.int64]:
-    n_cells = model.location.n_cells
-    if cells is None:
-        return np.arange(n_cells)
-    for cell in cells:
-        check_cell(model.location, cell)
-    model.check_readable(cells)
-    return np.asarray(cells, np.int64)
+def _cells(ctx: Context, location: LocationRecord, query: PredictQuery) -> NDArray[np.int64]:
+    """Those that are asked for. Raises CellNotFoundError, InvalidInputError."""
+    n_points = (location.n_cells if query.cell is None else len(query.cell)) * len(query.time)
+    if n_points > ctx.settings.max_points:
+        raise InvalidInputError.at(
+            "time", f"{n_points} values are more than {ctx.settings.max_points}; ask for fewer times or cells"
+        )
+    for cell in query.cell or ():
+        check_cell(location, cell)
+    return np.arange(location.n_cells) if query.cell is None else np.asarray(query.cell, np.int64)
 
 
 def check_cell(location: LocationRecord, cell: int) -> None:

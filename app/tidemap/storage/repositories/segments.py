@@ -39,6 +39,12 @@ class SegmentRepository:
                 segment = join(segment, aside, location.base, location.combine)
             yield number, segment
 
+    def chunks(self, location_id: int) -> NDArray[np.int64]:
+        """The chunks of which something is stored, ascending."""
+        query = select(history.c.chunk).where(history.c.location_id == location_id).distinct()
+        found = np.array(self._connection.execute(query).scalars().all(), np.int64)
+        return np.unique(np.maximum(found, -1 - found))
+
     def numbers(self, location_id: int) -> list[int]:
         """The numbers of the segments that some chunk has, ascending."""
         query = select(history.c.segment).where(history.c.location_id == location_id).distinct()
