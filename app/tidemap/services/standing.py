@@ -20,6 +20,7 @@ from tidemap.services.grouping import Criterion
 from tidemap.services.history import read_history, window
 from tidemap.services.incidents import EventChange, store_events
 from tidemap.services.messages import publish_events
+from tidemap.services.parts import SEEN
 from tidemap.services.spectra import Fitted, fitted
 from tidemap.storage.records import SEEN_FREE, SEEN_OCCUPIED, AnomalyRecord, LocationRecord
 from tidemap.storage.repositories.anomalies import AnomalyFilter
@@ -45,7 +46,7 @@ def judge_standing(ctx: Context, location: LocationRecord, check: Callable[[], N
     Raises LocationNotFoundError, NoModelError, CorruptChunkError.
     """
     check()
-    model = fitted(ctx, location.name)
+    model = fitted(ctx, location.name, part=SEEN)
     span = _span(ctx, model)
     if span.stop <= span.start:
         return False
