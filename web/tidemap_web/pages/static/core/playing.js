@@ -43,7 +43,7 @@ export function loopOf(one, other, { first, stop }, interval) {
 }
 
 /**
- * The moment that is next: within the loop where there is one, else through all there is and from its beginning again.
+ * The moment that is next: round and round in the loop where there is one, else in all there is.
  * @param {number} time
  * @param {number} seconds that have passed
  * @param {Stretch | null} loop
@@ -51,6 +51,7 @@ export function loopOf(one, other, { first, stop }, interval) {
  */
 export function next(time, seconds, loop, { first, stop }) {
   const [low, high] = loop ?? [first, stop];
+  if (time < low || time > high) return low;
   const moment = time + seconds;
-  return moment < low || moment > high || time < low ? low : moment;
+  return moment > high ? low + ((moment - low) % (high - low)) : moment;
 }

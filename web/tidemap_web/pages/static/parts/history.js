@@ -1,6 +1,7 @@
 // The history of a cell: a chart of a range, and below it all of the history with that range to drag.
 
 import { ask } from "../core/api.js";
+import { seriesQuestion } from "../core/series.js";
 import { all, closest, reason } from "../dom.js";
 import { brush, draw, legendOf } from "./chart.js";
 /** @import { Live } from "../core/live.js" */
@@ -151,10 +152,8 @@ export class History {
    * @returns {Promise<Series & { step: number }>}
    */
   async series(start, stop, points) {
-    const { interval, path, cell } = this.state.values;
-    const step = Math.max(1, Math.ceil((stop - start) / points / interval)) * interval;
-    const from = Math.floor(start / step) * step;
-    return { ...(await ask(`${path}/series?cell=${cell}&start=${from}&stop=${stop}&step=${step}`)), step };
+    const { question, step } = seriesQuestion(this.state.values, [start, stop], points);
+    return { ...(await ask(question)), step };
   }
 
   /**

@@ -3,6 +3,7 @@
 import { ask } from "../core/api.js";
 import { verdictOf } from "../core/colours.js";
 import { barsOf } from "../core/density.js";
+import { seriesQuestion } from "../core/series.js";
 import { runs } from "../core/strips.js";
 import { scale, svg } from "../core/svg.js";
 import { stepOf, ticksOf } from "../core/ticks.js";
@@ -57,10 +58,9 @@ function layout(hasSeries) {
  * @param {[number, number]} span
  * @returns {Promise<Series & { step: number }>}
  */
-async function seriesOf({ path, cell, interval }, [start, stop]) {
-  const step = Math.max(1, Math.ceil((stop - start) / POINTS / interval)) * interval;
-  const from = Math.floor(start / step) * step;
-  return { ...(await ask(`${path}/series?cell=${cell}&start=${from}&stop=${stop}&step=${step}`)), step };
+async function seriesOf(view, span) {
+  const { question, step } = seriesQuestion(view, span, POINTS);
+  return { ...(await ask(question)), step };
 }
 
 /**

@@ -1,6 +1,7 @@
 // What the viewer gives along: a picture of the scene, a loop as an animated picture, the cell's series as a table.
 
 import { askFile } from "../core/api.js";
+import { seriesQuestion } from "../core/series.js";
 import { fileName, momentsOf, save, scaleBar } from "../core/taking.js";
 import { zoneOf } from "../core/time.js";
 import { animatedWebp } from "../core/webp.js";
@@ -71,11 +72,8 @@ const nameOf = ({ location, grid, time, zone }, ending) =>
  */
 function seriesOf(view) {
   const { location, cell, grid } = view;
-  const [low, high] = windowOf(view);
-  const interval = grid?.interval_s ?? 1;
-  const step = Math.max(1, Math.ceil((high - low) / interval / ROWS)) * interval;
-  const start = Math.floor(low / step) * step;
-  return `/locations/${encodeURIComponent(location ?? "")}/series?cell=${cell}&start=${start}&stop=${high}&step=${step}`;
+  const path = `/locations/${encodeURIComponent(location ?? "")}`;
+  return seriesQuestion({ path, cell, interval: grid?.interval_s ?? 1 }, windowOf(view), ROWS).question;
 }
 
 const scene = () => {

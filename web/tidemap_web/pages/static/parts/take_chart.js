@@ -2,6 +2,7 @@
 
 import { askFile } from "../core/api.js";
 import { colours } from "../core/colours.js";
+import { seriesQuestion } from "../core/series.js";
 import { fileName, save } from "../core/taking.js";
 import { timeText, zoneText } from "../core/words.js";
 import { reason } from "../dom.js";
@@ -40,12 +41,10 @@ export function mount(element, state) {
 }
 
 /** @param {LocationView} view */
-async function takeTable({ path, cell, span, interval, first, last }) {
+async function takeTable(view) {
+  const { cell, span, first, last } = view;
   if (cell === null || last === null) throw new Error("Choose a cell that has been observed.");
-  const [low, high] = span ?? [first ?? last, last];
-  const step = Math.max(1, Math.ceil((high - low) / interval / ROWS)) * interval;
-  const start = Math.floor(low / step) * step;
-  const { content, name } = await askFile(`${path}/series?cell=${cell}&start=${start}&stop=${high}&step=${step}`, "text/csv");
+  const { content, name } = await askFile(seriesQuestion(view, span ?? [first ?? last, last], ROWS).question, "text/csv");
   save(content, name);
 }
 
