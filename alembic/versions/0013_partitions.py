@@ -1,9 +1,10 @@
-"""partitions by location of what grows, and ids that no index holds to be unique across them
+"""partitions by location of what grows, ids that no index holds to be unique across them, and revisions with gaps
 
 Revision: 0013
 Revises: 0012
 """
 
+import sqlalchemy as sa
 from alembic import op
 
 from tidemap.storage.partitions import has_locations, partition, unpartitioned
@@ -20,6 +21,8 @@ def upgrade() -> None:
     for table in ("anomaly", "job"):
         op.drop_index(f"ix_{table}_id", table)
         op.create_index(f"ix_{table}_id", table, ["id"])
+    # The chunks that a revision has a spectrum of, where it is not all: only of locations that were too large before.
+    op.add_column("revision", sa.Column("chunks", sa.LargeBinary()))
     connection = op.get_bind()
     # A database that is in use waits for `tidemap migrate --partition`, as its tables are copied.
     if connection.dialect.name == "postgresql" and not has_locations(connection):
@@ -28,4 +31,5 @@ def upgrade() -> None:
 
 
 def downgrade() -> None:
-    """The version before reads and writes partitions as well, and takes its ids from the same counters."""
+    # Partitions stay: the version before reads and writes them as well, and takes its ids from the same counters.
+    op.drop_column("revision", "chunks")

@@ -61,7 +61,13 @@ class Settings(BaseSettings):
         "One body may exceed it: an Arrow or npy body takes up to 12 times its size, JSON up to 24 times, a grid of "
         "bytes up to 156 times.",
     )
-    max_cells: int = Field(16_000_000, gt=0, description="Largest number of cells of one location.")
+    max_cells: int = Field(200_000_000, gt=0, le=2**28, description="Largest number of cells of one location.")
+    whole_cells: int = Field(
+        16_000_000,
+        gt=0,
+        description="Largest number of cells that are held at once: of a location with more, questions are about a "
+        "region, and only the parts of it that were ever seen are stored.",
+    )
     max_points: int = Field(1_000_000, gt=0, description="Largest number of values in a predict or series answer.")
     max_samples: int = Field(
         4 * 2**20,

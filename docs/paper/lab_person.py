@@ -50,5 +50,5 @@ def _visits(visitor: Visitor, area: Area, days: float) -> Iterator[tuple[float, 
 
 
 def _expected(world: World, area: Area, time: float) -> bool:
-    """Whether somebody is likelier seen than not: the seats are known, and how often people pass at that hour."""
+    """Whether somebody is likelier seen than not, by the seats that are taken and how often people walk through."""
     return not world.taken(time).isdisjoint(area.seats) or area.passes(moment(time)) > 0.5

@@ -9,12 +9,11 @@ from threading import Event, Thread
 import pytest
 from sqlalchemy import create_engine, select
 
-from tests.e2e.test_replicas import QUIET, check_published, job, update_begun, wait_for_election
 from tests.support.cluster import Cluster, running_cluster
 from tests.support.contexts import Clock, at_work, elected, make_location, opened, post_rows
 from tests.support.databases import SqliteDatabases
+from tests.support.drill import Sizes, fleet_of_processes
 from tests.support.server import StartServer
-from tests.support.site import Site
 from tests.support.tasks import Held, die, hold, negate, refuse
 from tests.support.waiting import until
 from tidemap.errors import ClusterUnavailableError, NotLeaderError, ShuttingDownError, WorkersDiedError
@@ -222,19 +221,8 @@ def test_what_keeps_a_worker_from_joining_ends_neither_it_nor_its_search(
         serving.join()
 
 
-def test_an_update_outlives_a_worker_and_a_leader(cluster: Cluster, server: StartServer, database_url: str) -> None:
-    env = QUIET | cluster.env
-    with Site(server(database_url=database_url, env=env)) as first:
-        wait_for_election(first.server)
-        workers = [cluster.worker(database_url), cluster.worker(database_url)]
-        with Site(server(database_url=database_url, env=env)) as second:
-            number = update_begun(second)
-            workers[0].kill()
-            until_progress = job(second, number)["progress"] + 0.1
-            until(lambda: job(second, number)["progress"] >= until_progress or job(second, number)["state"] == "done")
-            first.server.kill()
-            wait_for_election(second.server)
-            until(lambda: job(second, number)["finished_at"] is not None)
-            check_published(second, number, database_url)
-        workers[1].terminate()
-        workers[1].wait()
+def test_a_fleet_outlives_a_worker_a_leader_and_the_database(server: StartServer, tmp_path: Path) -> None:
+    """Ten locations, robots at two servers, three workers: whatever dies in the midst of an update."""
+    with fleet_of_processes(server, tmp_path, Sizes(hall=(100, 50, 20), outboxes=4, direct=2, pause_s=0.2)) as drill:
+        drill.update_through_deaths()
+    assert drill.deaths == ["worker", "leader", "database"]

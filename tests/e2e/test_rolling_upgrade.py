@@ -1,4 +1,4 @@
-"""A rolling upgrade: the version before goes on serving a database that this one migrates, until all is this one."""
+"""A rolling upgrade: the version before goes on serving a database that this one migrates."""
 
 from collections.abc import Iterator
 from itertools import count

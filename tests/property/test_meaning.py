@@ -12,7 +12,9 @@ from tests.support.records import location_record
 from tidemap.history.history import History
 from tidemap.history.measurements import Measurements
 from tidemap.history.timebase import TimeBase
+from tidemap.services.context import Loaded
 from tidemap.services.judge import judge
+from tidemap.services.spectra import Fitted
 from tidemap.space.grid import GridGeometry
 from tidemap.spectral.auto.selection import choose
 from tidemap.spectral.estimators import ESTIMATORS, fit_recipe
@@ -20,7 +22,7 @@ from tidemap.spectral.prediction import predict, predict_times
 from tidemap.spectral.recipe import Recipe
 from tidemap.spectral.spectrum import Spectrum
 from tidemap.spectral.window import fft_window
-from tidemap.storage.records import LocationRecord
+from tidemap.storage.records import LocationRecord, RevisionRecord
 
 WEEK_S = 604_800.0
 MONDAY = datetime(2023, 5, 1, tzinfo=UTC).timestamp()
@@ -36,6 +38,7 @@ STATES = hnp.arrays(
 RECIPES = st.builds(Recipe, st.sampled_from(sorted(ESTIMATORS)), st.integers(0, 20), ZONES)
 WITHIN = st.floats(0.001, 0.999)
 """Where in its sample a time lies; at its very border rounding decides."""
+REVISION = RevisionRecord(1, 1, Recipe("static", 0), 0, 1, 0, 0, None, 0.0, None)
 quick = settings(max_examples=80, deadline=None)
 
 
@@ -51,7 +54,7 @@ def judged(spectrum: Spectrum, base: TimeBase, times: list[float], cell: int) ->
     cells = np.full(len(times), cell, np.uint32)
     readings = Measurements(np.array(times, np.float64), cells, state).in_order()
     location = location_of(base, spectrum.n_cells // 2, 0.49)
-    return [event.probability for event in judge(location, spectrum, readings)]
+    return [event.probability for event in judge(Fitted(location, Loaded(REVISION, spectrum, {})), readings)]
 
 
 @quick

@@ -54,12 +54,17 @@ class Cluster:
         """What a process of this cluster has in its environment."""
         return {"TIDEMAP_DASK_SCHEDULER": self.address}
 
-    def worker(self, database_url: str) -> Forked:
+    @property
+    def pid(self) -> int:
+        """The scheduler's."""
+        return self._scheduler.pid
+
+    def worker(self, database_url: str, env: Mapping[str, str] | None = None) -> Forked:
         """Start a worker, and wait until it has joined."""
         self._n_workers += 1
         log = self._folder / f"worker-{self._n_workers}.log"
         words = ["worker", "--database-url", database_url]
-        process = Forked(words, clean_environment() | self.env, log)
+        process = Forked(words, clean_environment() | self.env | dict(env or {}), log)
         self._stack.callback(_end, process)
         until(lambda: process.poll() is not None or JOINED in _text(log))
         assert process.poll() is None, _text(log)

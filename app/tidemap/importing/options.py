@@ -40,7 +40,7 @@ class ImportOptions:
     time_zone: str = "UTC"
 
     def state_of(self, text: str) -> float:
-        """1 for a text that means occupied, 0 for free, NaN for unavailable or none. Raises ValueError for any other."""
+        """1 for a text that means occupied, 0 for free, NaN for unavailable or none. Raises ValueError for others."""
         word = text.strip().casefold()
         if word in UNAVAILABLE_WORDS and word not in self.occupied:
             return nan

@@ -43,7 +43,7 @@ def beliefs_at(ctx: Context, model: Fitted, cells: NDArray[np.int64], moment: fl
     """
     location, found, damaged = model.location, before.rows(np.arange(len(cells))), []
     most = int(np.clip(MAX_ALL_READINGS // location.n_cells, MIN_READINGS, MAX_READINGS))
-    for chunk, rows in by_chunk(location, cells):
+    for chunk, rows in by_chunk(cells):
         mine = before.rows(rows)
         try:
             sequences = _read(ctx, location, chunk, moment, cells[rows], mine.sample, most)
@@ -51,7 +51,7 @@ def beliefs_at(ctx: Context, model: Fitted, cells: NDArray[np.int64], moment: fl
             damaged.append(chunk)
             mine = Beliefs.none(len(rows), before.detector)
         else:
-            p = predict_readings(model.spectrum, cells[rows], sequences, location.base)
+            p = predict_readings(model.spectrum, model.rows(cells[rows]), sequences, location.base)
             mine = mine.filtered(sequences, p)
         found.put(rows, mine)
     return KeptEvidence(found, damaged)

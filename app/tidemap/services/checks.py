@@ -5,6 +5,7 @@ Each check gives pairs of where, in the words of the tables, and what is wrong t
 
 import json
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 
@@ -203,7 +204,7 @@ def _match_revision(location: LocationRecord, row: Row) -> None:
 
 def _spectra(snapshot: Snapshot, location: LocationRecord, tally: LogTotals) -> Iterator[Wrong]:
     """Revisions other than the current one are those of updates that run, or were broken off, and may have gaps."""
-    missing = set(range(location.n_chunks)) if location.revision else set()
+    missing = _expected(snapshot, location) if location.revision else set()
     for row in snapshot.spectra(location.id):
         where = f"spectrum chunk {row.chunk} of revision {row.revision}"
         tally.blobs += 1
@@ -215,6 +216,16 @@ def _spectra(snapshot: Snapshot, location: LocationRecord, tally: LogTotals) -> 
         yield from _unreadable(where, partial(_match_spectrum, location, row))
     for chunk in sorted(missing):
         yield f"spectrum chunk {chunk} of revision {location.revision}", "it is missing"
+
+
+def _expected(snapshot: Snapshot, location: LocationRecord) -> set[int]:
+    """The chunks of which the current revision has a spectrum; none where it cannot be read, as is said elsewhere."""
+    for row in snapshot.revisions(location.id):
+        with suppress(CorruptChunkError, ValueError):
+            if row.revision == location.revision:
+                chunks = RevisionRecord.of(row._mapping).chunks
+                return set(range(location.n_chunks) if chunks is None else chunks.tolist())
+    return set()
 
 
 def _match_spectrum(location: LocationRecord, row: Row) -> None:

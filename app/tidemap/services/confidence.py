@@ -15,6 +15,7 @@ from tidemap.services.context import Context
 from tidemap.services.detect import search
 from tidemap.services.grouping import Criterion
 from tidemap.services.history import window
+from tidemap.services.parts import SEEN
 from tidemap.services.spectra import Fitted, fitted
 from tidemap.settings import WEEK_S
 from tidemap.spectral.anomaly import Rule
@@ -63,9 +64,9 @@ def find_confidence(
 
     Raises LocationNotFoundError, NoModelError, InvalidInputError, CorruptChunkError.
     """
-    model = fitted(ctx, name)
+    model = fitted(ctx, name, part=SEEN)
     base, (first, stop) = model.location.base, window(ctx, model.location)
-    start = max(first, stop - MAX_VALUES // model.location.n_cells, model.revision.start)
+    start = max(first, stop - MAX_VALUES // max(1, model.spectrum.n_cells), model.revision.start)
     if stop <= start:
         raise InvalidInputError.at("location", f"{name!r} has no observations to try a confidence on; post some first")
     weeks = (stop - start) * model.location.interval_s / WEEK_S

@@ -13,6 +13,7 @@ from tidemap.services.anomalies import Anomaly, anomaly_of
 from tidemap.services.context import Context
 from tidemap.services.grouping import Criterion, Marks, group
 from tidemap.services.history import read_history, window
+from tidemap.services.parts import SEEN
 from tidemap.services.spectra import Fitted, fitted
 from tidemap.space.regions import Array, WasRead
 from tidemap.spectral.anomaly import Rule, is_anomalous
@@ -46,7 +47,7 @@ def detect(
     Raises LocationNotFoundError, NoModelError, InvalidInputError, CorruptChunkError where there is one chunk only.
     """
     refuse_reversed(query.start, query.stop)
-    model = fitted(ctx, name, query.estimator, query.order)
+    model = fitted(ctx, name, query.estimator, query.order, part=SEEN)
     location = model.location
     confidence = location.confidence if query.confidence is None else query.confidence
     criterion = Criterion(confidence, query.rule, model.revision.revision)
@@ -63,7 +64,7 @@ def search(
     start, stop = max(first, samples[0]), min(last, samples[1])
     parts: list[Marks] = []
     found = 0
-    for chunk in range(location.n_chunks):
+    for chunk in model.held_chunks:
         try:
             for part in _search(ctx, model, chunk, start, stop, criterion):
                 check()
@@ -92,7 +93,7 @@ def _search(ctx: Context, model: Fitted, chunk: int, start: int, stop: int, crit
         high = min(low + step, stop)
         states = read_history(ctx, location, chunk, low, high).states()
         cells = chunk * CHUNK_CELLS + np.arange(size)
-        probability = predict_times(model.spectrum, location.base.time(np.arange(low, high)), cells)
+        probability = predict_times(model.spectrum, location.base.time(np.arange(low, high)), model.rows(cells))
         marked = (states != UNOBSERVED) & is_anomalous(probability, states, criterion.confidence, criterion.rule)
         row, column = np.nonzero(marked)
         yield Marks(low + column, cells[row], states[row, column], probability[row, column])

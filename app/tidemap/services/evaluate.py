@@ -7,10 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.errors import CorruptChunkError, InvalidInputError, refuse_reversed
+from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.history import UNOBSERVED, History
 from tidemap.services.context import Context
 from tidemap.services.history import read_history, window
 from tidemap.services.horizons import HorizonQuery, HorizonScores, evaluate_horizons
+from tidemap.services.parts import seen_chunks
 from tidemap.services.spectra import current_revision, recipe_for
 from tidemap.spectral.estimators import fit_all
 from tidemap.spectral.evaluation import Reliability, Scores, ScoreSums
@@ -163,8 +165,10 @@ def _trials(
         return
     start, stop = _tested(ctx, location, query)
     _check_size(stop - start, candidates)
-    step = max(1, location.n_cells * (stop - start) * len(candidates) // MAX_VALUES)
-    for chunk in range(location.n_chunks):
+    chunks = seen_chunks(ctx, location).tolist()
+    n_cells = min(location.n_cells, len(chunks) * CHUNK_CELLS)
+    step = max(1, n_cells * (stop - start) * len(candidates) // MAX_VALUES)
+    for chunk in chunks:
         cells = np.arange(chunk % step, location.chunk_size(chunk), step)
         try:
             states = read_history(ctx, location, chunk, start, stop).cells(cells).states()

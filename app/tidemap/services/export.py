@@ -13,6 +13,7 @@ from tidemap.services.context import Context
 from tidemap.services.given import Given
 from tidemap.services.locations import find_location
 from tidemap.services.observed_map import observed_map
+from tidemap.services.parts import refuse_large
 from tidemap.services.state import StateQuery, state_at
 from tidemap.space.map_cells import MapCells
 from tidemap.storage.records import LocationRecord
@@ -64,6 +65,7 @@ def export_map(ctx: Context, name: str, query: ExportQuery, check: Check) -> Exp
     Raises LocationNotFoundError, InvalidInputError, CorruptChunkError; NoModelError for a predicted map alone.
     """
     location, chosen = find_location(ctx, name), FORMATS[query.format, query.mode]
+    refuse_large(ctx, location)
     _check_fits(location, query, chosen)
     snapshot = (
         _observed(ctx, location, query, check) if query.source == "observed" else _predicted(ctx, location, query)

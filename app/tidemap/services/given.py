@@ -16,7 +16,6 @@ from tidemap.services.spectra import Fitted
 from tidemap.spectral.belief import Beliefs
 from tidemap.spectral.conditioning import Evidence, Standing
 from tidemap.spectral.persistence import differing
-from tidemap.spectral.prediction import predict
 from tidemap.spectral.state_columns import Conditioning
 from tidemap.storage.records import LocationRecord, SensorSetting
 
@@ -165,7 +164,7 @@ def _likelihood(model: Fitted, cells: NDArray[np.int64], readings: Readings) -> 
     sample = runs.sample[order]
     for rows in np.split(order, np.flatnonzero(np.diff(sample)) + 1) if order.size else ():
         time = float(model.location.base.time(runs.sample[rows[0]]))
-        p = predict(model.spectrum, time, cells[rows])
+        p = model.predict(time, cells[rows])
         likely[rows] = np.where(runs.state[rows] == OCCUPIED, p, 1 - p)
     return likely
 
@@ -183,7 +182,12 @@ class _Version:
 
 
 def kept_evidence(ctx: Context, model: Fitted, cells: NDArray[np.int64]) -> KeptEvidence | None:
-    """What is kept of the latest readings of these cells; None where it is neither kept nor worth being kept."""
+    """What is kept of the latest readings of these cells; None where it is neither kept nor worth being kept.
+
+    Nothing is of a part of a location.
+    """
+    if model.chunks is not None:
+        return None
     location = model.location
     whole = model.loaded.known
     key = (location.id, model.revision.recipe)

@@ -127,8 +127,10 @@ def read_backwards(ctx: Context, location: LocationRecord, chunk: int, sample: i
     end = min(sample + 1, stop)
     while end > start:
         begin = max(start, (end - 1) // SEGMENT_SAMPLES * SEGMENT_SAMPLES)
-        with ctx.store.read() as work:
-            piece = _stored(ctx, work, work.locations.by_id(location.id), chunk, begin, end)
+        piece = _held_piece(ctx, location, chunk, begin, end)
+        if piece is None:
+            with ctx.store.read() as work:
+                piece = _stored(ctx, work, work.locations.by_id(location.id), chunk, begin, end)
         yield piece
         end = begin
 
@@ -142,15 +144,24 @@ def read_times(ctx: Context, location: LocationRecord, chunk: int, sample: int) 
     return times_at(segment or Segment.empty(location.chunk_size(chunk), number), sample, location.base)
 
 
+def _held_piece(ctx: Context, location: LocationRecord, chunk: int, start: int, stop: int) -> History | None:
+    """What `_stored` has kept of a location as it was read: the database need not be asked."""
+    return ctx.caches.histories.held((location.id, chunk, *_segments(location, start, stop)), _counts(location))
+
+
+def _counts(location: LocationRecord) -> tuple[int, int, int]:
+    """What changes with a location's history."""
+    return location.compacted_seq, location.observation_seq, location.deleted
+
+
 def _stored(ctx: Context, work: Work, location: LocationRecord, chunk: int, start: int, stop: int) -> History:
     """As `_whole`, kept for the next that asks."""
     first, last = _segments(location, start, stop)
     if last < first:
         return _whole(ctx, work, location, chunk, start, stop)
-    version = (location.compacted_seq, location.observation_seq, location.deleted)
     load = partial(_whole, ctx, work, location, chunk, start, stop)
     try:
-        return ctx.caches.histories.get((location.id, chunk, first, last), version, load)
+        return ctx.caches.histories.get((location.id, chunk, first, last), _counts(location), load)
     except CorruptChunkError as error:
         ctx.damage.found(location.id, error)
         raise

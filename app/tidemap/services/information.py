@@ -10,6 +10,7 @@ from tidemap.errors import InvalidInputError
 from tidemap.services.beliefs import detector_of
 from tidemap.services.context import Context
 from tidemap.services.given import Given, known_at
+from tidemap.services.parts import in_box
 from tidemap.services.predict import predicted_blocks
 from tidemap.services.series import times_between
 from tidemap.services.spectra import Fitted, fitted
@@ -89,7 +90,7 @@ def information_at(
 
     Raises LocationNotFoundError, NoModelError, CorruptChunkError, InvalidInputError also when it asks for too much.
     """
-    model = fitted(ctx, name)
+    model = fitted(ctx, name, part=in_box(query.bbox))
     detector = detector_of(model)
     rates = _error_rates(query, detector)
     time, cell = _times(ctx, model, query), cells_in(model, query.bbox)
@@ -97,7 +98,7 @@ def information_at(
     as_of = ctx.clock() if query.as_of is None else query.as_of
     known = known_at(ctx, model, cell, as_of) if query.given == "observations" else None
     sums, cells = np.zeros((2, len(time))), None
-    for part, p in predicted_blocks(model.spectrum, time, cell, check, known):
+    for part, p in predicted_blocks(model.spectrum, time, model.rows(cell), check, known):
         # The rhythm is that of readings, with what errs in them; beliefs are about the state.
         state = p if detector is None or known is not None else detector.sensor.state_probability(p)
         unknown, said = entropy_nats(state), information(state, rates)

@@ -10,6 +10,7 @@ from tidemap.services.context import Context, Loaded, Seen
 from tidemap.services.films import seen_at
 from tidemap.services.locations import find_location
 from tidemap.services.observed_map import observed_map
+from tidemap.services.parts import refuse_large
 from tidemap.services.spectra import Fitted, fitted
 from tidemap.settings import DAY_S
 from tidemap.spectral.civil import civil_seconds
@@ -73,6 +74,7 @@ def observed_at(ctx: Context, query: MapQuery) -> MapView:
     Raises LocationNotFoundError.
     """
     location = find_location(ctx, query.location)
+    refuse_large(ctx, location)
     found = observed_map(ctx, location, query.time)
     seen = Seen(np.full(location.n_cells, UNOBSERVED, np.uint8), np.full(location.n_cells, NEVER, np.int64))
     seen.state[found.cell], seen.sample[found.cell] = found.state, location.base.sample(found.time)

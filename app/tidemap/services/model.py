@@ -10,6 +10,8 @@ from tidemap.history.history import History
 from tidemap.history.intervals import Intervals
 from tidemap.services.context import Context
 from tidemap.services.history import read_cell, window
+from tidemap.services.locations import find_location
+from tidemap.services.parts import Cells
 from tidemap.services.predict import check_cell
 from tidemap.services.spectra import fitted
 from tidemap.spectral.evaluation import accuracy
@@ -65,12 +67,12 @@ def model_of(ctx: Context, name: str, cell: int = 0, order: int | None = None) -
 
     Raises LocationNotFoundError, NoModelError, CellNotFoundError, CorruptChunkError.
     """
-    fit = fitted(ctx, name, None, order)
+    check_cell(find_location(ctx, name), cell)
+    fit = fitted(ctx, name, None, order, part=Cells(np.array([cell])))
     location = fit.location
-    check_cell(location, cell)
     fit.check_readable([cell])
     history = read_cell(ctx, location, cell, *window(ctx, location))
-    spectrum = select(fit.spectrum, np.array([cell]))
+    spectrum = select(fit.spectrum, fit.rows(np.array([cell])))
     outliers = find_outliers(spectrum, history, location.base)
     return CellModel(
         cell=cell,

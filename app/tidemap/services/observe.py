@@ -20,8 +20,9 @@ from tidemap.services.judge import judge
 from tidemap.services.keys import confirm
 from tidemap.services.locations import find_location
 from tidemap.services.messages import publish_events
+from tidemap.services.parts import Cells
 from tidemap.services.posts import Entry, Observed, Post, store_all
-from tidemap.services.spectra import fitted, held
+from tidemap.services.spectra import Fitted, fitted, held_fit
 from tidemap.storage.blobs import pack_measurements
 from tidemap.storage.records import AnomalyRecord, LocationRecord, ObservationRecord
 
@@ -78,7 +79,7 @@ def is_quick(ctx: Context, name: str, post: Post) -> bool:
 
 def _can_judge(ctx: Context, location: LocationRecord) -> bool:
     """Whether nothing has to be read for it."""
-    return not location.revision or held(ctx, location) is not None
+    return not location.revision or held_fit(ctx, location) is not None
 
 
 def _quick_entry(ctx: Context, name: str, post: Post) -> Entry:
@@ -147,18 +148,18 @@ def _events(
     """
     if not location.revision or not len(measurements):
         return location, []
-    spectrum = held(ctx, location)
-    if spectrum is None:
-        try:
-            fit = fitted(ctx, location.name)
-        except CorruptChunkError as error:
-            ctx.damage.found(location.id, error)
-            return location, []
-        if fit.location.id != location.id:
-            # Another one took its name meanwhile: this post was for one that is gone, as its storing will find.
-            return location, []
-        location, spectrum = fit.location, fit.spectrum
-    return location, judge(location, spectrum, _decisive(location, measurements))
+    loaded = held_fit(ctx, location)
+    if loaded is not None:
+        return location, judge(Fitted(location, loaded), _decisive(location, measurements))
+    try:
+        model = fitted(ctx, location.name, part=Cells(measurements.cell))
+    except CorruptChunkError as error:
+        ctx.damage.found(location.id, error)
+        return location, []
+    if model.location.id != location.id:
+        # Another one took its name meanwhile: this post was for one that is gone, as its storing will find.
+        return location, []
+    return model.location, judge(model, _decisive(model.location, measurements))
 
 
 def _decisive(location: LocationRecord, measurements: Measurements) -> Measurements:

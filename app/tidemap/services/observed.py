@@ -63,8 +63,10 @@ def map_seen(ctx: Context, model: Fitted, time: float) -> MapSeen | None:
 def _kept(ctx: Context, model: Fitted, cells: NDArray[np.int64], sample: int) -> KeptEvidence | None:
     """What is kept of the cells with the location's own fit, whatever the answer's is; None where it is not worth
     being loaded, as it is of another time or would not be kept."""
-    latest = model.location.last_time
-    if latest is None or model.location.sensor is not None or sample < model.location.base.sample(latest):
+    location, latest = model.location, model.location.last_time
+    if latest is None or location.sensor is not None or sample < location.base.sample(latest):
+        return None
+    if model.chunks is not None:
         return None
     if not ctx.caches.evidence.takes(EVIDENCE_BYTES * len(cells)):
         return None

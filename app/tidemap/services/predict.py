@@ -11,6 +11,8 @@ from tidemap.formats.json_columns.small import cells_of
 from tidemap.history.history import UNOBSERVED
 from tidemap.services.context import Context
 from tidemap.services.given import Given, Known, known_at
+from tidemap.services.locations import find_location
+from tidemap.services.parts import Cells
 from tidemap.services.spectra import Fitted, fitted
 from tidemap.spectral.prediction import entropy, predict_times, state
 from tidemap.spectral.spectrum import Spectrum
@@ -65,18 +67,16 @@ def predict_at(
     Raises LocationNotFoundError, NoModelError, CellNotFoundError, CorruptChunkError, InvalidInputError when it asks for
     too much.
     """
-    model = fitted(ctx, name, query.estimator, query.order)
-    cell = _cells(model, query.cell)
-    n_points = len(cell) * len(query.time)
-    if n_points > ctx.settings.max_points:
-        raise InvalidInputError.at(
-            "time", f"{n_points} values are more than {ctx.settings.max_points}; ask for fewer times or cells"
-        )
+    location = find_location(ctx, name)
+    cell = _cells(ctx, location, query)
+    model = fitted(ctx, name, query.estimator, query.order, part=Cells(cell))
+    if query.cell is not None:
+        model.check_readable(cell)
     confidence = model.location.confidence if query.confidence is None else query.confidence
     time = np.asarray(query.time, np.float64)
     as_of = ctx.clock() if query.as_of is None else query.as_of
     known = _known_of(ctx, model, cell, as_of) if query.given == "observations" else None
-    probability = predict_in_blocks(model.spectrum, time, cell, check, known)
+    probability = predict_in_blocks(model.spectrum, time, model.rows(cell), check, known)
     return PredictionView(
         time,
         cell,
@@ -127,15 +127,19 @@ def predicted_blocks(
         yield part, p if known is None else known.condition(p, time[part])
 
 
-def _cells(model: Fitted, cells: Sequence[int | Sequence[int]] | None) -> NDArray[np.int64]:
-    n_cells = model.location.n_cells
-    if cells is None:
-        return np.arange(n_cells)
-    found = cells_of(list(cells), "cell", model.location.cells)
-    outside = np.flatnonzero((found < 0) | (found >= n_cells))
+def _cells(ctx: Context, location: LocationRecord, query: PredictQuery) -> NDArray[np.int64]:
+    """Those that are asked for. Raises CellNotFoundError, InvalidInputError."""
+    n_points = (location.n_cells if query.cell is None else len(query.cell)) * len(query.time)
+    if n_points > ctx.settings.max_points:
+        raise InvalidInputError.at(
+            "time", f"{n_points} values are more than {ctx.settings.max_points}; ask for fewer times or cells"
+        )
+    if query.cell is None:
+        return np.arange(location.n_cells)
+    found = cells_of(list(query.cell), "cell", location.cells)
+    outside = np.flatnonzero((found < 0) | (found >= location.n_cells))
     if outside.size:
-        raise CellNotFoundError(cells[outside[0]], n_cells)
-    model.check_readable(found)
+        raise CellNotFoundError(query.cell[outside[0]], location.n_cells)
     return found
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +35,7 @@ class Readings:
 def readings_at(ctx: Context, location: LocationRecord, moment: float, cells: NDArray[np.int64]) -> Readings:
     """The latest readings at or before `moment` (Unix seconds) of some cells, ascending."""
     runs, damaged = LatestRuns.none(len(cells)), []
-    for chunk, rows in by_chunk(location, cells):
+    for chunk, rows in by_chunk(cells):
         try:
             runs.put(rows, _of_chunk(ctx, location, chunk, moment, cells[rows]))
         except CorruptChunkError:
@@ -42,11 +43,12 @@ def readings_at(ctx: Context, location: LocationRecord, moment: float, cells: ND
     return Readings(runs, damaged)
 
 
-def by_chunk(location: LocationRecord, cells: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.int64]]]:
+def by_chunk(cells: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.int64]]]:
     """Each chunk that has some of the cells, which are ascending, and their rows."""
-    borders = np.searchsorted(cells, np.arange(location.n_chunks + 1) * CHUNK_CELLS)
-    for chunk in np.flatnonzero(np.diff(borders)).tolist():
-        yield chunk, np.arange(borders[chunk], borders[chunk + 1])
+    chunks = cells // CHUNK_CELLS
+    heads = np.flatnonzero(np.diff(chunks, prepend=-1)).tolist()
+    for begin, stop in pairwise([*heads, len(cells)]):
+        yield int(chunks[begin]), np.arange(begin, stop)
 
 
 def _of_chunk(
@@ -83,7 +85,7 @@ def held_until(
     None where no sensor did. Of damaged chunks nothing is known.
     """
     until, sample = np.full(len(cells), ALWAYS), int(location.base.sample(moment))
-    for chunk, rows in by_chunk(location, cells):
+    for chunk, rows in by_chunk(cells):
         rows = rows[since[rows] != NEVER]
         with suppress(CorruptChunkError):
             for piece in read_backwards(ctx, location, chunk, sample) if rows.size else ():
@@ -122,7 +124,7 @@ def last_seen(ctx: Context, location: LocationRecord, sample: int, cells: NDArra
     damaged = []
     state = np.full(len(cells), UNOBSERVED, np.uint8)
     seen = np.full(len(cells), NEVER, np.int64)
-    for chunk, missing in by_chunk(location, cells):
+    for chunk, missing in by_chunk(cells):
         try:
             for piece in read_backwards(ctx, location, chunk, sample):
                 found, at = piece.last_seen(sample)

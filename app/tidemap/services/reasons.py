@@ -12,9 +12,9 @@ from tidemap.history.history import OCCUPIED, UNOBSERVED
 from tidemap.services.anomalies import Anomaly
 from tidemap.services.context import Context
 from tidemap.services.history import read_cell, window
+from tidemap.services.parts import Cells
 from tidemap.services.spectra import fitted
 from tidemap.spectral.anomaly import surprise
-from tidemap.spectral.prediction import predict
 from tidemap.storage.records import SEEN_OCCUPIED, LocationRecord
 
 MAX_CELLS = 1024
@@ -69,7 +69,7 @@ def _most_surprising(ctx: Context, location: LocationRecord, event: Anomaly) -> 
     cells, bits = event.cells[:MAX_CELLS], event.bits[:MAX_CELLS]
     states = (bits & SEEN_OCCUPIED) > 0
     try:
-        p = predict(fitted(ctx, location.name).spectrum, event.start, cells)
+        p = fitted(ctx, location.name, part=Cells(cells)).predict(event.start, cells)
     except (NoModelError, CorruptChunkError):
         return int(cells[0]), int(states[0]), None
     row = int(np.argmax(np.nan_to_num(surprise(p, states))))

@@ -12,8 +12,9 @@ from tidemap.ingest.registration import RegistrationMode, RegistrationOutcome, a
 from tidemap.ingest.scan import SentScan, refuse_outside, scan_of
 from tidemap.services.context import Context
 from tidemap.services.observe import target_of
+from tidemap.services.parts import Box
 from tidemap.services.spectra import Fitted, fitted
-from tidemap.services.surfaces import surface_at
+from tidemap.services.surfaces import Block, surface_at
 from tidemap.space.grid import GridGeometry
 from tidemap.space.scan import Scan
 from tidemap.storage.records import LocationRecord
@@ -79,15 +80,16 @@ def _registered(ctx: Context, location: LocationRecord, sweep: TimedScan) -> Reg
         return as_stated(sweep.scan, "registration was not wanted")
     if sweep.mode == "auto" and sweep.scan.covariance is None:
         return as_stated(sweep.scan, "no covariance says how wrong the pose may be")
-    model = _model(ctx, location)
+    block = Block.of(sweep.scan, location.cells)
+    model = _model(ctx, location, block)
     if model is None:
         return as_stated(sweep.scan, "the location has no model yet to register it by")
-    return register(sweep.scan, surface_at(ctx, model, sweep.scan, sweep.time))
+    return register(sweep.scan, surface_at(ctx, model, block, sweep.time))
 
 
-def _model(ctx: Context, location: LocationRecord) -> Fitted | None:
+def _model(ctx: Context, location: LocationRecord, block: Block) -> Fitted | None:
     try:
-        return fitted(ctx, location.name)
+        return fitted(ctx, location.name, part=Box(block.bbox))
     except NoModelError:
         return None
 

@@ -52,13 +52,16 @@ def sample_cells(
     read: Read = read_compacted,
 ) -> SampledCells:
     """About `n_cells` to four times as many cells that change before sample `until` (by default: at all), spread evenly
-    over as many chunks that can be read."""
-    n_chunks = min(location.n_chunks, n_cells)
+    over as many chunks that can be read and have compacted history."""
+    with ctx.store.read() as work:
+        chunks = work.segments.chunks(location.id)
+    chunks = chunks if len(chunks) else np.arange(location.n_chunks)
+    chunks = chunks[np.linspace(0, len(chunks) - 1, min(len(chunks), n_cells)).astype(int)]
     cells, seen = [np.zeros(0, np.int64)], np.zeros(0, np.int64)
     parts = [History.empty(0, samples[0], samples[1] - samples[0])]
-    for chunk, history in _sample_chunks(ctx, location, samples, check, n_chunks, read):
+    for chunk, history in _read_chunks(ctx, location, samples, check, chunks, read):
         changing = (history if until is None else history.window(samples[0], until)).changing()
-        some = changing[:: max(1, len(changing) * n_chunks // (4 * n_cells))]
+        some = changing[:: max(1, len(changing) * len(chunks) // (4 * n_cells))]
         cells.append(chunk * CHUNK_CELLS + some)
         parts.append(history.cells(some))
         seen = np.union1d(seen, history.seen())
@@ -80,16 +83,16 @@ def measured(ctx: Context, location: LocationRecord, sampled: SampledCells, read
     )
 
 
-def _sample_chunks(
+def _read_chunks(
     ctx: Context,
     location: LocationRecord,
     samples: tuple[int, int],
     check: Callable[[], None],
-    n_chunks: int,
+    chunks: NDArray[np.int64],
     read: Read,
 ) -> Iterator[tuple[int, History]]:
-    """The numbers and histories of `n_chunks` chunks at most, spread evenly, that can be read."""
-    for chunk in np.linspace(0, location.n_chunks - 1, min(location.n_chunks, n_chunks)).astype(int).tolist():
+    """The numbers and histories of those chunks that can be read."""
+    for chunk in chunks.tolist():
         check()
         with suppress(CorruptChunkError):
             yield chunk, read(ctx, location, chunk, *samples)

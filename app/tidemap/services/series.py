@@ -10,6 +10,7 @@ from tidemap.errors import InvalidInputError, refuse_reversed
 from tidemap.history.history import UNOBSERVED
 from tidemap.services.context import Context
 from tidemap.services.history import read_cell, read_measurements, window
+from tidemap.services.parts import Cells
 from tidemap.services.predict import check_cell, predict_in_blocks, state_or_unknown
 from tidemap.services.spectra import fitted
 from tidemap.storage.records import LocationRecord
@@ -67,10 +68,10 @@ def series(ctx: Context, name: str, query: SeriesQuery = WHOLE, check: Callable[
     probability = np.full(len(time), np.nan, np.float32)
     revision = 0
     if location.revision:
-        model = fitted(ctx, name)
+        model = fitted(ctx, name, part=Cells(np.array([cell])))
         model.check_readable([cell])
         probability, revision = (
-            predict_in_blocks(model.spectrum, time, np.array([cell]), check)[0],
+            predict_in_blocks(model.spectrum, time, model.rows(np.array([cell])), check)[0],
             model.revision.revision,
         )
     observed = _observed_at(ctx, location, cell, time)

@@ -19,7 +19,7 @@ from tidemap.services.messages import publish_events
 from tidemap.services.mutes import is_muted
 from tidemap.spectral.civil import week_seconds
 from tidemap.spectral.rhythm import MIN_EXPECTED, WEEKS, Rhythm
-from tidemap.storage.blobs import pack_heard, unpack_heard
+from tidemap.storage.blobs import pack_numbers, unpack_numbers
 from tidemap.storage.records import AnomalyRecord, LocationRecord, RhythmRecord
 from tidemap.storage.repositories.anomalies import SILENCE
 from tidemap.storage.work import Work
@@ -54,7 +54,7 @@ class _Heard:
         return RhythmRecord(
             location_id=location_id,
             through=self.through,
-            heard=pack_heard(self.interval),
+            heard=pack_numbers(self.interval),
             last_heard=self.last,
             silence=self.silence,
         )
@@ -155,7 +155,7 @@ def _silence(last: float, since: float, now: float) -> NDArray[np.int64]:
 def _loaded(record: RhythmRecord) -> _Heard:
     """What is stored of a location; where that cannot be read, what is left of it in the log."""
     try:
-        interval = unpack_heard(record.heard, f"the rhythm of location {record.location_id}")
+        interval = unpack_numbers(record.heard, f"the rhythm of location {record.location_id}")
     except CorruptChunkError:
         return _Heard(np.zeros(0, np.int64), 0, None, record.silence, 0.0)
     return _Heard(interval, record.through, record.last_heard, record.silence, 0.0)

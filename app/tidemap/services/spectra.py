@@ -1,32 +1,39 @@
 """The spectrum that answers a question: the stored one, or one refitted on its window at another order."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from tidemap.errors import CorruptChunkError, NoModelError
 from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.services.context import Context, Loaded
 from tidemap.services.history import read_history, window
 from tidemap.services.keys import Claim, confirm
+from tidemap.services.parts import WHOLE, Part, check_size, is_whole
 from tidemap.spectral.model import fit_part
+from tidemap.spectral.prediction import predict
 from tidemap.spectral.recipe import ORDER, Recipe
-from tidemap.spectral.spectrum import Spectrum, blank, concatenate, truncate
+from tidemap.spectral.spectrum import Spectrum, blank, concatenate, static, truncate
 from tidemap.storage.records import LocationRecord, RevisionRecord
+
+Integer = TypeVar("Integer", bound=np.integer)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fitted:
-    """A spectrum of all cells of a location and the revision it came from.
+    """A spectrum of all cells of a location, or of some chunks, and the revision it came from.
 
-    Cells of the chunks in `damage` look as if never observed.
+    Cells of the chunks in `damage` look as if never observed. chunks: those that the spectrum has the cells of, one
+    after the other; None: all.
     """
 
     location: LocationRecord
     loaded: Loaded
+    chunks: NDArray[np.int64] | None = None
 
     @property
     def revision(self) -> RevisionRecord:
@@ -37,6 +44,30 @@ class Fitted:
     def spectrum(self) -> Spectrum:
         """All cells."""
         return self.loaded.spectrum
+
+    @property
+    def known(self) -> NDArray[np.int64]:
+        """The cells that have been observed, ascending."""
+        known = self.loaded.known
+        if self.chunks is None:
+            return known
+        return self.chunks[known // CHUNK_CELLS] * CHUNK_CELLS + known % CHUNK_CELLS
+
+    @property
+    def held_chunks(self) -> Sequence[int]:
+        """The chunks whose cells the spectrum has, ascending."""
+        return range(self.location.n_chunks) if self.chunks is None else self.chunks.tolist()
+
+    def rows(self, cells: NDArray[Integer]) -> NDArray[Integer]:
+        """Where the spectrum has these cells, all of them in its chunks."""
+        if self.chunks is None:
+            return cells
+        at = np.searchsorted(self.chunks, cells // CHUNK_CELLS)
+        return (at * CHUNK_CELLS + cells % CHUNK_CELLS).astype(cells.dtype)
+
+    def predict(self, time: float, cells: NDArray[np.int64]) -> NDArray[np.float32]:
+        """The model's p (n,) of some cells at a time, as `prediction.predict`."""
+        return predict(self.spectrum, time, self.rows(cells))
 
     @property
     def damage(self) -> Mapping[int, CorruptChunkError]:
@@ -56,20 +87,25 @@ class Fitted:
 
 
 def fitted(
-    ctx: Context, name: str, estimator: str | None = None, order: int | None = None, claim: Claim | None = None
+    ctx: Context,
+    name: str,
+    estimator: str | None = None,
+    order: int | None = None,
+    claim: Claim | None = None,
+    part: Part = WHOLE,
 ) -> Fitted:
-    """The spectrum of the current revision, at another order or by another estimator where asked.
+    """The spectrum of the current revision, at another order or by another estimator where asked: of all cells, or of
+    a large location of a part.
 
     Raises LocationNotFoundError, NoModelError, CorruptChunkError where no chunk of it can be read, UnauthorizedError
-    where a claim is not true any more. A refit reads the window's history; its result is cached.
+    where a claim is not true any more, InvalidInputError where the part is too large. A refit reads the window's
+    history; its result is cached.
     """
     location, revision = current_revision(ctx, name, claim)
     while True:
         wanted = _wanted(location, revision, estimator, order)
-        key = (location.id, None if wanted.recipe == revision.recipe else wanted.recipe)
-        load = partial(_load, ctx, location, revision, wanted)
         try:
-            return Fitted(location, ctx.caches.spectra.get(key, revision.revision, load))
+            return _fitted(ctx, location, revision, wanted, part)
         except CorruptChunkError:
             before = revision
             location, revision = current_revision(ctx, name)
@@ -78,20 +114,27 @@ def fitted(
             # An update took its location, and its chunks away, before they were loaded.
 
 
+def _fitted(
+    ctx: Context, location: LocationRecord, revision: RevisionRecord, wanted: RevisionRecord, part: Part
+) -> Fitted:
+    if is_whole(ctx, location):
+        key = (location.id, None if wanted.recipe == revision.recipe else wanted.recipe)
+        load = partial(_load, ctx, location, revision, wanted)
+        return Fitted(location, ctx.caches.spectra.get(key, revision.revision, load))
+    everything = np.arange(location.n_chunks)
+    chunks = part.chunks(location, everything if revision.chunks is None else revision.chunks)
+    check_size(ctx, chunks)
+    return Fitted(location, _load_part(ctx, location, revision, wanted, chunks), chunks)
+
+
 def stored(ctx: Context, location: LocationRecord, revision: RevisionRecord) -> Fitted:
     """The spectrum of a revision as it is stored. Raises CorruptChunkError."""
     key, load = (location.id, None), partial(_stored, ctx, location, revision)
     return Fitted(location, ctx.caches.spectra.get(key, revision.revision, load))
 
 
-def held(ctx: Context, location: LocationRecord) -> Spectrum | None:
-    """The spectrum of the location's revision where the cache has it: what it costs is one look."""
-    loaded = held_fit(ctx, location)
-    return None if loaded is None else loaded.spectrum
-
-
 def held_fit(ctx: Context, location: LocationRecord) -> Loaded | None:
-    """The same with the revision and what is damaged."""
+    """The spectrum of all cells by the location's revision where the cache has it: what it costs is one look."""
     return ctx.caches.spectra.held((location.id, None), location.revision)
 
 
@@ -132,36 +175,91 @@ DEFAULT_ORDER = {"fft": 3, "calendar": ORDER}
 
 
 def _load(ctx: Context, location: LocationRecord, stored: RevisionRecord, wanted: RevisionRecord) -> Loaded:
+    """All cells."""
     if wanted.recipe == stored.recipe:
         return _stored(ctx, location, stored)
-    if wanted.estimator == stored.estimator == "fft" and wanted.order < stored.order:
+    if _is_truncated(stored, wanted):
         whole = _stored(ctx, location, stored)
         return Loaded(wanted, truncate(whole.spectrum, wanted.order), whole.damage)
-    known, part = window(ctx, location), (stored.start, stored.stop)
-
-    def fit(chunk: int) -> Spectrum:
-        return fit_part(read_history(ctx, location, chunk, *known), wanted.recipe, location.base, part)
-
-    return _whole(ctx, location, wanted, fit)
+    chunks = np.arange(location.n_chunks)
+    return _joined(ctx, location, wanted, chunks, dict(_refitted(ctx, location, stored, wanted, chunks)))
 
 
 def _stored(ctx: Context, location: LocationRecord, revision: RevisionRecord) -> Loaded:
+    chunks = np.arange(location.n_chunks)
+    return _joined(ctx, location, revision, chunks, dict(_read(ctx, location, revision, chunks)))
+
+
+def _load_part(
+    ctx: Context, location: LocationRecord, stored: RevisionRecord, wanted: RevisionRecord, chunks: NDArray[np.int64]
+) -> Loaded:
+    """The cells of some chunks, which are kept each for itself."""
+    if _is_truncated(stored, wanted):
+        part = _load_part(ctx, location, stored, stored, chunks)
+        return Loaded(wanted, truncate(part.spectrum, wanted.order), part.damage)
+    same = wanted.recipe == stored.recipe
+    recipe, version, cache = None if same else wanted.recipe, stored.revision, ctx.caches.spectra
+    held = {chunk: cache.held((location.id, recipe, chunk), version) for chunk in chunks.tolist()}
+    found: dict[int, Spectrum | CorruptChunkError] = {c: each.spectrum for c, each in held.items() if each is not None}
+    missing = np.array([chunk for chunk, each in held.items() if each is None], np.int64)
+    read = _read(ctx, location, stored, missing) if same else _refitted(ctx, location, stored, wanted, missing)
+    for chunk, value in read:
+        found[chunk] = value
+        if isinstance(value, Spectrum):
+            cache.get((location.id, recipe, chunk), version, partial(Loaded, wanted, value, {}))
+    return _joined(ctx, location, wanted, chunks, found)
+
+
+def _is_truncated(stored: RevisionRecord, wanted: RevisionRecord) -> bool:
+    """Whether what is wanted is a part of what is stored."""
+    return wanted.estimator == stored.estimator == "fft" and wanted.order < stored.order
+
+
+Found = Iterator[tuple[int, Spectrum | CorruptChunkError]]
+"""Chunks with their spectra, or what is wrong with them; those of which nothing was ever seen are left out."""
+
+
+def _read(ctx: Context, location: LocationRecord, revision: RevisionRecord, chunks: NDArray[np.int64]) -> Found:
+    """What is stored of some chunks."""
+    if revision.chunks is not None:
+        chunks = chunks[np.isin(chunks, revision.chunks)]
     with ctx.store.read() as work:
-        return _whole(ctx, location, revision, lambda chunk: work.spectra.chunk(location, revision.revision, chunk))
+        for chunk in chunks.tolist():
+            try:
+                yield chunk, work.spectra.chunk(location, revision.revision, chunk)
+            except CorruptChunkError as error:
+                yield chunk, error.with_traceback(None)
 
 
-def _whole(ctx: Context, location: LocationRecord, revision: RevisionRecord, read: Callable[[int], Spectrum]) -> Loaded:
-    """The spectra of all chunks as one, blank where a chunk is damaged. CorruptChunkError where all are."""
-    parts: dict[int, Spectrum] = {}
-    damage: dict[int, CorruptChunkError] = {}
-    for chunk in range(location.n_chunks):
+def _refitted(
+    ctx: Context, location: LocationRecord, stored: RevisionRecord, wanted: RevisionRecord, chunks: NDArray[np.int64]
+) -> Found:
+    """Some chunks, fitted to their history as is wanted."""
+    known, part = window(ctx, location), (stored.start, stored.stop)
+    for chunk in chunks.tolist():
         try:
-            parts[chunk] = read(chunk)
+            history = read_history(ctx, location, chunk, *known)
         except CorruptChunkError as error:
-            damage[chunk] = error.with_traceback(None)
-    if not parts:
-        raise damage[0]
-    for chunk, found in damage.items():
-        ctx.damage.found(location.id, found)
-        parts[chunk] = blank(next(iter(parts.values())), location.chunk_size(chunk))
-    return Loaded(revision, concatenate([parts[chunk] for chunk in range(location.n_chunks)]), damage)
+            yield chunk, error.with_traceback(None)
+        else:
+            yield chunk, fit_part(history, wanted.recipe, location.base, part)
+
+
+def _joined(
+    ctx: Context,
+    location: LocationRecord,
+    revision: RevisionRecord,
+    chunks: NDArray[np.int64],
+    found: Mapping[int, Spectrum | CorruptChunkError],
+) -> Loaded:
+    """The spectra of chunks as one, blank where a chunk is damaged or was never seen. CorruptChunkError where all are
+    damaged."""
+    parts = {chunk: each for chunk, each in found.items() if isinstance(each, Spectrum)}
+    damage = {chunk: each for chunk, each in found.items() if isinstance(each, CorruptChunkError)}
+    if damage and not parts:
+        raise next(iter(damage.values()))
+    for error in damage.values():
+        ctx.damage.found(location.id, error)
+    like = next(iter(parts.values()), static(np.zeros(0, np.float32), location.base))
+    every = [parts.get(chunk) or blank(like, location.chunk_size(chunk)) for chunk in chunks.tolist()]
+    return Loaded(revision, concatenate(every or [like]), damage)

@@ -16,10 +16,11 @@ from tidemap.services.context import Context
 from tidemap.services.given import Given, Known, known_at
 from tidemap.services.keys import Claim
 from tidemap.services.observed import MapSeen, map_seen, observed_at
+from tidemap.services.parts import in_box, refuse_large
 from tidemap.services.spectra import Fitted, fitted
 from tidemap.services.state_buffer import NOTHING, StateBuffer, seen_columns
 from tidemap.space.grid import GridGeometry
-from tidemap.spectral.prediction import known, predict, state, verdict
+from tidemap.spectral.prediction import predict, state, verdict
 from tidemap.storage.records import LocationRecord
 
 
@@ -139,11 +140,13 @@ class Asked:
 def ask(ctx: Context, name: str, query: StateQuery, claim: Claim | None = None) -> Asked:
     """What answers a question; nothing is computed yet.
 
-    Raises LocationNotFoundError, NoModelError, CorruptChunkError, UnauthorizedError.
+    Raises LocationNotFoundError, NoModelError, CorruptChunkError, UnauthorizedError, and InvalidInputError where more
+    of a large location is asked for than is held at once.
     """
     now = ctx.clock()
     as_of = now if query.as_of is None else query.as_of
-    return Asked(query, fitted(ctx, name, query.estimator, query.order, claim), as_of, now)
+    part = in_box(query.bbox)
+    return Asked(query, fitted(ctx, name, query.estimator, query.order, claim, part), as_of, now)
 
 
 def state_at(ctx: Context, name: str, query: StateQuery) -> StateView:
@@ -191,7 +194,7 @@ class BufferedState:
 def buffer_of(ctx: Context, asked: Asked) -> BufferedState | None:
     """The answer as it is sent in Arrow; None where it is not about a whole map, or asks for what is not kept."""
     query, model = asked.query, asked.model
-    if query.bbox is not None or query.last_seen:
+    if query.bbox is not None or query.last_seen or model.chunks is not None:
         return None
     seen = map_seen(ctx, model, query.time) if query.observed else None
     if query.observed and seen is None:
@@ -224,7 +227,11 @@ def _seen_columns(location: LocationRecord, seen: MapSeen) -> dict[str, Column]:
 
 
 def grid_of(ctx: Context, asked: Asked) -> NDArray[np.float32]:
-    """The probability of all cells, in the location's shape; NaN where never observed or outside of the box."""
+    """The probability of all cells, in the location's shape; NaN where never observed or outside of the box.
+
+    Raises InvalidInputError where that is too large.
+    """
+    refuse_large(ctx, asked.model.location)
     shape, spectrum = asked.model.location.cells.shape, asked.model.spectrum
     if asked.query.bbox is None and not asked.conditioned:
         return predict(spectrum, asked.query.time, threads=ctx.settings.update_threads).reshape(shape)
@@ -237,17 +244,20 @@ def grid_of(ctx: Context, asked: Asked) -> NDArray[np.float32]:
 
 def _asked_for(ctx: Context, asked: Asked) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
     """The cells that have been observed, of those in the box if there is one, and their probability."""
-    spectrum, query = asked.model.spectrum, asked.query
-    if query.bbox is None:
-        return _known(predict(spectrum, query.time, threads=ctx.settings.update_threads))
-    cell = cells_in(asked.model, query.bbox)
-    return cell, predict(spectrum, query.time, cell)
+    model, query = asked.model, asked.query
+    if query.bbox is None and model.chunks is None:
+        return _known(predict(model.spectrum, query.time, threads=ctx.settings.update_threads))
+    cell = cells_in(model, query.bbox)
+    return cell, model.predict(query.time, cell)
 
 
 def cells_in(model: Fitted, bbox: tuple[float, ...] | None) -> NDArray[np.int64]:
     """The cells that have been observed, of those in a box if there is one, ascending. Raises InvalidInputError."""
-    cell = known(model.spectrum)
-    return cell if bbox is None else cell[_box(model.location, bbox, cell)]
+    if bbox is None:
+        return model.known
+    if model.location.grid is None:
+        raise InvalidInputError.at("bbox", "a location of kind 'state' has no extent; leave bbox out")
+    return model.known[model.location.grid.runs(bbox).among(model.known)]
 
 
 def _known(probability: NDArray[np.float32]) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
@@ -257,12 +267,6 @@ def _known(probability: NDArray[np.float32]) -> tuple[NDArray[np.int64], NDArray
         return np.arange(len(probability)), probability
     cell = np.flatnonzero(~missing)
     return cell, probability[cell]
-
-
-def _box(location: LocationRecord, bbox: tuple[float, ...], cell: NDArray[np.int64]) -> NDArray[np.bool_]:
-    if location.grid is None:
-        raise InvalidInputError.at("bbox", "a location of kind 'state' has no extent; leave bbox out")
-    return location.grid.inside(bbox, cell)
 
 
 def _start(location: LocationRecord, sample: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -16,6 +16,8 @@ from tidemap.storage.records import LocationRecord
 
 BLOCK_M = 10.0
 """Scans whose sensors are in the same block of space see the same surface."""
+EVER = 1e9
+"""Metres beyond all that a grid reaches."""
 MAX_CELLS = 40_000
 """Cells of a surface; of more those nearest to the block are taken."""
 OCCUPIED = 0.5
@@ -45,6 +47,13 @@ class Block:
         return cls((i, j, k), int(np.ceil(min(reach, extent) / BLOCK_M)), layer, scan.flat or not layered)
 
     @property
+    def bbox(self) -> tuple[float, ...]:
+        """[x0, y0, z0, x1, y1, z1] in metres, of all heights where it is flat."""
+        half = np.full(3, (self.reach + 0.5) * BLOCK_M)
+        half[2] = EVER if self.flat else half[2]
+        return (*(self.centre - half).tolist(), *(self.centre + half).tolist())
+
+    @property
     def centre(self) -> NDArray[np.float64]:
         """(3,) in metres."""
         return (np.array(self.index) + 0.5) * BLOCK_M
@@ -64,10 +73,9 @@ class Block:
         return about
 
 
-def surface_at(ctx: Context, model: Fitted, scan: Scan, time: float) -> Surface:
+def surface_at(ctx: Context, model: Fitted, block: Block, time: float) -> Surface:
     """What the model expects to be occupied at a time (Unix seconds) around a scan; kept for the next ones."""
     location = model.location
-    block = Block.of(scan, location.cells)
     version = (model.revision.revision, int(location.base.sample(time)))
 
     def make() -> Surface:
@@ -80,6 +88,10 @@ def surface_at(ctx: Context, model: Fitted, scan: Scan, time: float) -> Surface:
 
 def _expected(ctx: Context, location: LocationRecord, model: Fitted, time: float) -> NDArray[np.float64]:
     """Where (n, 3) the cells that are expected to be occupied have their surfaces."""
-    probability = predict(model.spectrum, time, threads=ctx.settings.update_threads)
-    cell = np.flatnonzero(probability > OCCUPIED)
-    return surface_centroids(location.cells, cell, probability[cell])
+    if model.chunks is None:
+        probability = predict(model.spectrum, time, threads=ctx.settings.update_threads)
+        cell = np.flatnonzero(probability > OCCUPIED)
+        return surface_centroids(location.cells, cell, probability[cell])
+    cell, probability = model.known, model.predict(time, model.known)
+    expected = probability > OCCUPIED
+    return surface_centroids(location.cells, cell[expected], probability[expected])

@@ -1,6 +1,6 @@
 """Update: refit spectrum and outliers of a location from its history (the paper's model update)."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -12,6 +12,7 @@ from tidemap.history.sequences import Sequences
 from tidemap.services.compaction import compact, forget
 from tidemap.services.context import Context
 from tidemap.services.history import window
+from tidemap.services.parts import is_whole, seen_chunks
 from tidemap.services.sampling import SampledCells, measured, sample_cells
 from tidemap.services.selection import SELECTION_CELLS, selected, settled
 from tidemap.services.update_task import ChunkFit, Executor, Plan, UpdateTask, run_task
@@ -65,9 +66,12 @@ def run_update(
     forget(ctx, location)
     progress(0.1)
     plan, tried, sampled = _plan(ctx, location, request, executor.check)
-    fits = _fit_chunks(ctx, plan, executor, progress)
+    chunks = seen_chunks(ctx, plan.location)
+    fits = _fit_chunks(ctx, plan, chunks.tolist(), executor, progress)
     fitted_share = accuracy(sum(fit.outliers for fit in fits), sum(fit.observed for fit in fits))
     record = _revision(ctx, plan, tried, fitted_share, _learned(ctx, plan, sampled, executor.check))
+    if not is_whole(ctx, plan.location):
+        record = replace(record, chunks=chunks)
 
     def publish(work: Work) -> None:
         work.spectra.publish(record)
@@ -78,10 +82,11 @@ def run_update(
     return record
 
 
-def _fit_chunks(ctx: Context, plan: Plan, executor: Executor, progress: Callable[[float], None]) -> list[ChunkFit]:
-    """Fit and store every chunk that can be read. Raises CorruptChunkError where none can."""
-    n_chunks = plan.location.n_chunks
-    tasks = [UpdateTask(plan, chunk, ctx.term) for chunk in range(n_chunks)]
+def _fit_chunks(
+    ctx: Context, plan: Plan, chunks: Sequence[int], executor: Executor, progress: Callable[[float], None]
+) -> list[ChunkFit]:
+    """Fit and store every one of some chunks that can be read. Raises CorruptChunkError where none can."""
+    tasks = [UpdateTask(plan, chunk, ctx.term) for chunk in chunks]
     fits: list[ChunkFit] = []
     damage: list[CorruptChunkError] = []
     for done, fit in enumerate(executor.map(run_task, tasks), 1):
@@ -89,8 +94,8 @@ def _fit_chunks(ctx: Context, plan: Plan, executor: Executor, progress: Callable
             damage.append(fit)
         else:
             fits.append(fit)
-        progress(0.1 + 0.9 * done / n_chunks)
-    if not fits:
+        progress(0.1 + 0.9 * done / len(tasks))
+    if damage and not fits:
         raise damage[0]
     if not damage:
         ctx.damage.forget(plan.location.id)

@@ -10,8 +10,8 @@ from tidemap.space.regions import Array
 from tidemap.storage.records import LocationRecord
 from tidemap.storage.work import Work
 
-STEP_BITS = 38
-"""As many cells as a location may have leave so many bits for samples, eight years of milliseconds."""
+STEP_BITS = 35
+"""As many cells as a location may have (2^28) leave so many bits for samples, a year of milliseconds."""
 
 
 def was_read(work: Work, location: LocationRecord, cell: Array, sample: Array) -> NDArray[np.bool_]:

@@ -33,6 +33,35 @@ def index_of(cell: ArrayLike, shape: Sequence[int]) -> NDArray[np.int64]:
     return np.stack(np.unravel_index(np.asarray(cell, np.int64), three_axes(shape)), axis=-1).astype(np.int64)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Runs:
+    """Linear cells [start, start + length) for each of start (n,), which ascend and do not overlap."""
+
+    start: NDArray[np.int64]
+    length: int
+
+    def chunks(self, size: int) -> NDArray[np.int64]:
+        """The chunks of `size` cells each that have some of the cells, ascending."""
+        if not self.length or not self.start.size:
+            return np.zeros(0, np.int64)
+        first, last = self.start // size, (self.start + self.length - 1) // size
+        # The ends of spans of chunks: where more have begun than have ended there are some.
+        ends = np.zeros(int(last[-1]) + 2, np.int64)
+        np.add.at(ends, first, 1)
+        np.subtract.at(ends, last + 1, 1)
+        return np.flatnonzero(np.cumsum(ends) > 0)
+
+    def among(self, cell: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The rows of cells (n,), ascending, that are in a run.
+
+        >>> Runs(np.array([2, 10]), 3).among(np.array([1, 3, 4, 5, 12])).tolist()
+        [1, 2, 4]
+        """
+        first, stop = np.searchsorted(cell, self.start), np.searchsorted(cell, self.start + self.length)
+        count = stop - first
+        return np.asarray(np.repeat(first - np.cumsum(count) + count, count) + np.arange(count.sum()))
+
+
 @dataclass(frozen=True)
 class GridGeometry:
     """Cell [0,0,0] has its lower corner at `origin` (metres, in `frame`); cells are cubes of `resolution_m`.
@@ -88,10 +117,29 @@ class GridGeometry:
         corners = [*index.min(axis=0).tolist(), *(index.max(axis=0) + 1).tolist()]
         return tuple(at * self.resolution_m + zero for at, zero in zip(corners, self.origin * 2, strict=True))
 
-    def inside(self, box: tuple[float, ...], cell: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Which cells have their centre in the box [x0, y0, z0, x1, y1, z1] (metres, closed)."""
-        centre = self.centre(cell)
-        return np.asarray(((centre >= box[:3]) & (centre <= box[3:])).all(axis=1))
+    def runs(self, box: tuple[float, ...]) -> Runs:
+        """The cells with their centre in the box [x0, y0, z0, x1, y1, z1] (metres, closed).
+
+        O(runs), which are at most as many as the box has columns of cells.
+        """
+        (i, i_stop), (j, j_stop), (k, k_stop) = (self._within(axis, box) for axis in range(3))
+        _, ny, nz = self.shape3
+        columns, rows = np.arange(i, i_stop)[:, np.newaxis] * ny, np.arange(j, j_stop)
+        if k_stop - k < nz:
+            return Runs(((columns + rows) * nz + k).ravel(), k_stop - k)
+        if j_stop - j < ny:
+            return Runs(((columns + j) * nz).ravel(), (j_stop - j) * nz)
+        return Runs(columns[:1, 0] * nz, (i_stop - i) * ny * nz)
+
+    def _within(self, axis: int, box: tuple[float, ...]) -> tuple[int, int]:
+        """The indices [first, stop) along an axis of the cells with their centre in the box."""
+        low, high, zero, n = box[axis], box[axis + 3], self.origin[axis], self.shape3[axis]
+        # A little more than the box, for rounding; of that the centres decide.
+        first, last = np.clip((np.array([low, high]) - zero) / self.resolution_m + [-2.0, 2.0], -1, n)
+        index = np.arange(max(0, int(first)), min(n, int(last) + 1))
+        centre = zero + (index + 0.5) * self.resolution_m
+        found = index[(centre >= low) & (centre <= high)]
+        return (int(found[0]), int(found[-1]) + 1) if found.size else (0, 0)
 
 
 SINGLE = GridGeometry("", (0.0, 0.0, 0.0), 1.0, (1,))

@@ -45,4 +45,5 @@ def measured(points: NDArray[Real]) -> NDArray[Real]:
 
     NaN and infinity have no direction; nor has the sensor's own place, (0, 0, 0), which many drivers write for no echo.
     """
-    return points[np.isfinite(points).all(axis=1) & points.any(axis=1)]
+    found: NDArray[Real] = points[np.isfinite(points).all(axis=1) & points.any(axis=1)]
+    return found

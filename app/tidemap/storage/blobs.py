@@ -141,16 +141,16 @@ def unpack_scan(blob: bytes, what: str) -> tuple[NDArray[np.float32], Any]:
     return columns["points"], json.loads(columns["header"].item())
 
 
-def pack_heard(interval: NDArray[np.int64]) -> bytes:
-    """The numbers (n,) of intervals in which something was heard, ascending."""
+def pack_numbers(interval: NDArray[np.int64]) -> bytes:
+    """Numbers (n,), ascending and distinct, near each other: of intervals in which something was heard, of chunks."""
     first = interval[:1]
     bits = np.zeros(int(interval[-1] - first[0]) + 1 if len(interval) else 0, np.bool_)
     bits[interval - first] = True
     return seal({"first": first, "heard": np.packbits(bits)}, SMALL)
 
 
-def unpack_heard(blob: bytes, what: str) -> NDArray[np.int64]:
-    """The inverse of `pack_heard`. Raises CorruptChunkError."""
+def unpack_numbers(blob: bytes, what: str) -> NDArray[np.int64]:
+    """The inverse of `pack_numbers`. Raises CorruptChunkError."""
     columns = cast(dict[str, Any], unseal(blob, what, "first", "heard"))
     found = np.flatnonzero(np.unpackbits(columns["heard"]))
     return found + columns["first"][0] if len(found) else found

@@ -21,7 +21,7 @@ from tidemap.spectral.conditioning import UNLEARNED, Persistence
 from tidemap.spectral.detector import Detector
 from tidemap.spectral.recipe import Recipe
 from tidemap.spectral.sensor import Sensor
-from tidemap.storage.blobs import unpack_json
+from tidemap.storage.blobs import unpack_json, unpack_numbers
 
 GAP_SAMPLES = 2
 """How many samples without a surprise an event outlasts, where its location does not say."""
@@ -191,6 +191,7 @@ class RevisionRecord:
     persistence: how long states last, as the update learned it; by default what is believed without having learned.
     offset: by cell, where its ln (τ + κ a) differs from that.
     detector: the same as read by a sensor that errs, where the location had one.
+    chunks: those that have a spectrum, ascending, as nothing was ever seen of the others; None: all.
     """
 
     location_id: int
@@ -206,6 +207,7 @@ class RevisionRecord:
     persistence: Persistence = UNLEARNED
     detector: Detector | None = None
     offset: Mapping[int, float] = field(default_factory=dict)
+    chunks: NDArray[np.int64] | None = field(default=None, compare=False)
 
     @classmethod
     def of(cls, row: RowMapping) -> "RevisionRecord":
@@ -218,7 +220,9 @@ class RevisionRecord:
         offset = {int(cell): float(value) for cell, value in learned.pop("offset", [])}
         read = row["detector"] and Detector.from_dict(unpack_json(row["detector"], f"detector of {what}"))
         known = {"persistence": Persistence.from_dict(learned) if learned else UNLEARNED, "offset": offset}
-        return cls(**{**row, "recipe": recipe, "selection": selection, "detector": read or None, **known})
+        chunks = None if row["chunks"] is None else unpack_numbers(row["chunks"], f"chunks of {what}")
+        own = {"recipe": recipe, "selection": selection, "detector": read or None, "chunks": chunks}
+        return cls(**{**row, **own, **known})
 
     @property
     def estimator(self) -> str:

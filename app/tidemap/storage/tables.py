@@ -164,6 +164,7 @@ revision = Table(
     Column("selection", LargeBinary),
     Column("persistence", LargeBinary),
     Column("detector", LargeBinary),
+    Column("chunks", LargeBinary),
 )
 
 spectrum = Table(

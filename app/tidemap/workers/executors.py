@@ -9,6 +9,7 @@ from typing import Protocol, TypeVar
 from tidemap.errors import ShuttingDownError
 from tidemap.services.context import Context
 from tidemap.services.update_task import Executor
+from tidemap.workers.priority import give_way
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")
@@ -58,11 +59,11 @@ def open_executor(ctx: Context) -> Pool:
 
 
 class LocalExecutor:
-    """Threads of this process; the kernels release the GIL."""
+    """Threads of this process, which give way to those that answer; the kernels release the GIL."""
 
     def __init__(self, ctx: Context, threads: int) -> None:
         self._ctx = ctx
-        self._pool = ThreadPoolExecutor(threads, thread_name_prefix="tidemap-update")
+        self._pool = ThreadPoolExecutor(threads, "tidemap-update", give_way)
         self._closed = False
 
     def on_wait(self, listener: Callable[[str | None], None]) -> None:

@@ -13,6 +13,7 @@ from tidemap.services.update_task import Executor
 from tidemap.storage.records import JobRecord, LocationRecord, RevisionRecord
 from tidemap.workers.election import LeaderElection, LeaderTerm
 from tidemap.workers.executors import Limited, open_executor
+from tidemap.workers.priority import give_way
 from tidemap.workers.retries import Retries
 from tidemap.workers.worker import Worker
 
@@ -63,6 +64,7 @@ class Updater:
             self._worker.wake()
 
     def _round(self) -> None:
+        give_way()
         if self._ctx.store.outage() is not None:
             # Nobody may post to a server that is not ready: it has to find out by itself when it can write again.
             self._ctx.store.write(lambda work: None)

@@ -24,7 +24,7 @@ from tidemap.services.posts import Post
 from tidemap.services.registering import register_scan, timed_scan
 from tidemap.services.scans import begin_scan
 from tidemap.services.spectra import fitted
-from tidemap.services.surfaces import surface_at
+from tidemap.services.surfaces import Block, surface_at
 from tidemap.services.update import UpdateRequest, run_update
 from tidemap.settings import Settings
 from tidemap.storage.store import prepare_database
@@ -95,7 +95,8 @@ def parts(ctx: Context, sent: ScanBody) -> dict[str, float | int | str]:
     location = find_location(ctx, NAME)
     read = read_scan(sent)
     asked = timed_scan(location, read)
-    surface = surface_at(ctx, fitted(ctx, NAME), asked.scan, asked.time)
+    model = fitted(ctx, NAME)
+    surface = surface_at(ctx, model, Block.of(asked.scan, model.location.cells), asked.time)
     registered = register_scan(ctx, location, asked)
     steps = {
         "parse_ms": lambda: timed_scan(location, read_scan(ScanBody(sent.content, sent.media_type))),

@@ -97,5 +97,5 @@ def ply_head(table: Rows, kind: str, before: str = "", after: str = "") -> bytes
 def ply(table: Rows, kind: str) -> bytes:
     if kind == "ascii":
         return ply_head(table, kind) + text(table)
-    order = ">" if kind == "binary_big_endian" else "<"
-    return ply_head(table, kind) + table.astype(table.dtype.newbyteorder(order)).tobytes()
+    swapped = table.astype(table.dtype.newbyteorder(">")) if kind == "binary_big_endian" else table
+    return ply_head(table, kind) + swapped.tobytes()

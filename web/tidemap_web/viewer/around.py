@@ -10,6 +10,7 @@ from tidemap_web.viewer.layout import Layout
 from tidemap_web.viewer.shapes import add_label, add_lines, add_markers
 from tidemap_web.viewer.surroundings import NOBODY, Around, Track
 
+NAME_SIZE: Final = 0.8
 MAX_LABELS: Final = 40
 """Markers with their names beside them: more would hide one another, and the pointer says them."""
 
@@ -47,7 +48,7 @@ class AroundDrawing:
             last = side == layout.beside
             for number, marker in enumerate(around.markers[:MAX_LABELS] if last else ()):
                 above = points[number] + [0.0, 1.2 * layout.marker_m, 1.2 * layout.marker_m]
-                add_label(self._scene, f"{name}/{number}", marker.name, above, 1.0)
+                add_label(self._scene, f"{name}/{number}", marker.name, above, NAME_SIZE)
 
     def _show_tracks(self, around: Around, layout: Layout) -> None:
         side = int(layout.beside)
@@ -71,4 +72,4 @@ class AroundDrawing:
             wxyz=track.wxyz,
             position=points[-1],
         )
-        add_label(self._scene, f"{name}/label", track.source or "sensor", points[-1] + [0.0, 0.0, size], 1.0)
+        add_label(self._scene, f"{name}/label", track.source or "sensor", points[-1] + [0.0, 0.0, size], NAME_SIZE)

@@ -100,12 +100,13 @@ class Scene:
         camera.position, camera.look_at = position, look_at
 
     def pose(self) -> list[float] | None:
-        """Where the camera is, what it looks at and its field of view; None where that is a standard view."""
+        """Where the camera is, what it looks at and its field of view where that is not the usual one; None where it is
+        a standard view."""
         camera = self.client.camera
         pose = [*camera.position.tolist(), *camera.look_at.tolist(), camera.fov]
         if self._standard is not None and np.allclose(pose, self._standard, atol=_STILL_M * (pose[6] / _FOV)):
             return None
-        return pose
+        return pose[:6] if math.isclose(pose[6], _FOV, abs_tol=1e-3) else pose
 
     def ray(self, at: tuple[float, float]) -> Ray:
         """From the camera through a point of its picture, from (0, 0), top left, to (1, 1)."""

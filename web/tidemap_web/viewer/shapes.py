@@ -1,6 +1,6 @@
 """Shapes of the scene: words and frames, lines of one thickness, markers."""
 
-from typing import Any, Final
+from typing import Final, Literal
 
 import numpy as np
 import viser
@@ -9,15 +9,17 @@ from numpy.typing import NDArray
 from tidemap_web.viewer import colors
 
 Vector = NDArray[np.float64]
+Anchor = Literal["bottom-center", "top-center"]
 _EDGES: Final = np.array(
     [[0, 1], [0, 2], [1, 3], [2, 3], [4, 5], [4, 6], [5, 7], [6, 7], [0, 4], [1, 5], [2, 6], [3, 7]], dtype=np.intp
 )
 _CORNERS: Final = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
 
 
-def add_label(scene: viser.SceneApi, name: str, text: str, at: Vector, size: float) -> None:
-    """Words at (3,) metres: above it, or below where they are small."""
-    anchor: Any = "bottom-center" if size >= 1 else "top-center"
+def add_label(
+    scene: viser.SceneApi, name: str, text: str, at: Vector, size: float, anchor: Anchor = "bottom-center"
+) -> None:
+    """Words at (3,) metres, which their `anchor` is at; `size` 1 is that of other words of a page."""
     position = (float(at[0]), float(at[1]), float(at[2]))
     scene.add_label(name, text, position=position, anchor=anchor, font_screen_scale=size)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import ColumnElement, Connection, delete, insert, select, update
+from sqlalchemy import ColumnElement, Connection, bindparam, delete, insert, select, update
 
 from tidemap.errors import CorruptChunkError
 from tidemap.history.erasing import forget
@@ -32,12 +32,18 @@ class SegmentRepository:
         Each is unpacked when it is asked for: with ranks it takes nine times as much as its planes. Raises
         CorruptChunkError where one is damaged.
         """
-        rows = self._stored(location, (chunk, -1 - chunk), first, last)
+        rows = self._stored(location, chunk, first, last, aside=-1 - chunk)
         for number, found in groupby(rows, key=lambda row: row.segment):
             segment, *asides = [_unpack(location, row) for row in found]
             for aside in asides:
                 segment = join(segment, aside, location.base, location.combine)
             yield number, segment
+
+    def chunks(self, location_id: int) -> NDArray[np.int64]:
+        """The chunks of which something is stored, ascending."""
+        query = select(history.c.chunk).where(history.c.location_id == location_id).distinct()
+        found = np.array(self._connection.execute(query).scalars().all(), np.int64)
+        return np.unique(np.maximum(found, -1 - found))
 
     def numbers(self, location_id: int) -> list[int]:
         """The numbers of the segments that some chunk has, ascending."""
@@ -86,18 +92,15 @@ class SegmentRepository:
 
     def put_aside(self, location: LocationRecord, chunk: int, number: int) -> Segment | None:
         """What came in for a segment while it was damaged. Raises CorruptChunkError where that is damaged too."""
-        return next((_unpack(location, row) for row in self._stored(location, (-1 - chunk,), number, number)), None)
+        return next((_unpack(location, row) for row in self._stored(location, -1 - chunk, number, number)), None)
 
-    def _stored(self, location: LocationRecord, chunks: tuple[int, ...], first: int, last: int) -> Sequence[Any]:
+    def _stored(
+        self, location: LocationRecord, chunk: int, first: int, last: int, aside: int | None = None
+    ) -> Sequence[Any]:
         """Segments, packed, ascending; what was put aside for one comes behind it."""
-        query = (
-            select(history.c.chunk, history.c.segment, history.c.payload)
-            .where(history.c.location_id == location.id, history.c.chunk.in_(chunks))
-            .where(history.c.segment >= first, history.c.segment <= last)
-            .order_by(history.c.segment, history.c.chunk.desc())
-        )
+        bounds = {"location": location.id, "chunk": chunk, "aside": chunk if aside is None else aside}
         # All at once: a statement left open would show every later reader this moment's rows.
-        return self._connection.execute(query).all()
+        return self._connection.execute(_SEGMENTS, bounds | {"first": first, "last": last}).all()
 
     def put(self, location: LocationRecord, segments: Mapping[SegmentKey, bytes]) -> None:
         """Store segments, packed, in place of those with their keys and of what was put aside for them.
@@ -121,7 +124,7 @@ class SegmentRepository:
         chunks = select(history.c.chunk).where(mine, history.c.segment == border)
         for chunk in self._connection.execute(chunks).scalars().all():
             with suppress(CorruptChunkError):
-                segment = _unpack(location, self._stored(location, (chunk,), border, border)[0])
+                segment = _unpack(location, self._stored(location, chunk, border, border)[0])
                 left = forget(segment, before, location.base)
                 self._put(location.id, chunk, border, b"" if left.is_empty else pack_segment(left))
 
@@ -142,6 +145,16 @@ class SegmentRepository:
         if stored.rowcount == 0:
             row = {"location_id": location_id, "chunk": chunk, "segment": number, "payload": payload}
             self._connection.execute(insert(history).values(**row))
+
+
+# Built once: a question about a large map asks it a thousand times.
+_SEGMENTS = (
+    select(history.c.chunk, history.c.segment, history.c.payload)
+    .where(history.c.location_id == bindparam("location"))
+    .where(history.c.chunk.in_((bindparam("chunk"), bindparam("aside"))))
+    .where(history.c.segment >= bindparam("first"), history.c.segment <= bindparam("last"))
+    .order_by(history.c.segment, history.c.chunk.desc())
+)
 
 
 def _unpack(location: LocationRecord, row: Any) -> Segment:

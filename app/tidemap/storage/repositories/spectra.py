@@ -7,7 +7,7 @@ from sqlalchemy import Connection, bindparam, delete, func, insert, select, upda
 
 from tidemap.errors import CorruptChunkError
 from tidemap.spectral.spectrum import Spectrum
-from tidemap.storage.blobs import pack_json, pack_spectrum, unpack_spectrum
+from tidemap.storage.blobs import pack_json, pack_numbers, pack_spectrum, unpack_spectrum
 from tidemap.storage.records import PERSISTENCE_VERSION, LocationRecord, RevisionRecord
 from tidemap.storage.tables import location as location_table
 from tidemap.storage.tables import revision, spectrum
@@ -70,6 +70,7 @@ class SpectrumRepository:
             row["persistence"] = pack_json(lasting, PERSISTENCE_VERSION)
             row["detector"] = pack_json(record.detector.as_dict()) if record.detector else None
             row["selection"] = pack_json(record.selection) if record.selection else None
+            row["chunks"] = None if record.chunks is None else pack_numbers(record.chunks)
             self._connection.execute(insert(revision).values(**row))
         visible = select(location_table.c.revision).where(mine).scalar_subquery()
         for table in (spectrum, revision):
