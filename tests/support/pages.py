@@ -19,6 +19,7 @@ PAGES = (
     "/anomalies",
     "/new",
     "/locations/office-door",
+    "/locations/office-door/report",
     "/locations/lab?cell=121",
     "/view/?location=lab",
     "/api/docs",
