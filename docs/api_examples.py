@@ -69,6 +69,7 @@ def ask(api: Api) -> dict[str, Any]:
         "get_state": api.get(f"{here}/state?time={NOW + 9 * 3600:.0f}").json(),
         "predict": api.post(f"{here}/predict", {"time": [NOW + 9 * 3600]}).json(),
         "get_series": api.get(f"{here}/series?start={NOW - 86400:.0f}&stop={NOW:.0f}").json(),
+        "get_density": api.get(f"{here}/density?bins=4").json(),
         "get_information": api.get(f"{here}/information?start={NOW:.0f}&stop={NOW + 86400:.0f}&best=2").json(),
         "get_model": api.get(f"{here}/model").json(),
         "evaluate": api.post(f"{here}/evaluate", {**span, "orders": [1, 2]}).json(),

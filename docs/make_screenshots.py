@@ -39,11 +39,12 @@ def main(arguments: list[str]) -> int:
     IMAGES.mkdir(exist_ok=True)
     with demo(arguments) as url, launch(executable) as browser, driving(browser):
         with browser.new_context(viewport=SIZE, color_scheme="light") as context:
-            view(context.new_page(), url)
+            (IMAGES / "viewer.png").write_bytes(view(context.new_page(), url))
         for size, viewport in SIZES.items():
             for scheme in SCHEMES:
                 with browser.new_context(viewport=viewport, color_scheme=scheme) as context:
                     lists(context.new_page(), url, f"{size}-{scheme}")
+                    plan(context.new_page(), url, f"{size}-{scheme}")
     return 0
 
 
@@ -63,27 +64,36 @@ def demo(arguments: list[str]) -> Iterator[str]:
 
 
 def lists(page: Page, url: str, kind: str) -> None:
-    """The pages beside the viewer: all locations, one of them, and all anomalies."""
+    """The pages beside the viewer: all locations, one of them with its report, and all anomalies."""
     with Client(url) as tidemap:
         door = next(each.name for each in tidemap.locations() if each.kind == "state")
     for name, path, drawn_when in (
         ("overview", "/", "svg.spark"),
         ("location", f"/locations/{door}", ".week"),
+        ("report", f"/locations/{door}/report", "#week table"),
         ("anomalies", "/anomalies?state=all", "main"),
+        ("api", "/api/docs#get_state", "#get_state[open]"),
     ):
         page.goto(url + path)
         page.locator(drawn_when).first.wait_for()
         (IMAGES / f"{name}-{kind}.png").write_bytes(settled(page))
 
 
-def view(page: Page, url: str) -> None:
+def plan(page: Page, url: str, kind: str) -> None:
+    """The same from above, as a plan of the building with its doors and rooms."""
+    view(page, url)
+    page.keyboard.press("2")
+    (IMAGES / f"plan-{kind}.png").write_bytes(settled(page))
+
+
+def view(page: Page, url: str) -> bytes:
     """The viewer at the moment when most was abnormal at once."""
     with Client(url) as tidemap:
         events = list(tidemap.location(BUILDING).anomalies())
     most = max(events, key=lambda event: (len(event.cells), event.start))
     page.goto(f"{url}/view/?location={BUILDING}&time={most.start}")
     wait_until(lambda: drawn(page), DRAWN_S)
-    (IMAGES / "viewer.png").write_bytes(settled(page))
+    return settled(page)
 
 
 def drawn(page: Page) -> bool:

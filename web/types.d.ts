@@ -40,13 +40,31 @@ export interface CellFacts {
   observed_time: number | null;
 }
 
+/** A door or a room in the scene of its building. */
+export interface MarkerFacts {
+  name: string;
+  probability: number | null;
+  verdict: "free" | "occupied" | "uncertain" | null;
+  observed: number | null;
+  observed_time: number | null;
+  /** In the left grid and in the right one, as CSS. */
+  colors: [string, string];
+}
+
+/** What is under the pointer. */
+export interface HoverMessage {
+  at: [number, number];
+  cell: CellFacts | null;
+  marker: MarkerFacts | null;
+}
+
 /** A message of the stream of events. */
 export interface LiveMessage {
-  kind: "observation" | "anomaly" | "update" | "job" | "location";
+  kind: "observation" | "anomaly" | "update" | "job" | "location" | "attention";
   location: string;
   id: number;
   time: string;
-  change?: "created" | "changed" | "deleted";
+  change?: "created" | "changed" | "deleted" | "acknowledged" | "snoozed" | "muted" | "unmuted";
   called?: string | null;
 }
 
@@ -68,6 +86,8 @@ export interface FrameMessage {
   unexpected: number;
   missing: number;
   stale: number;
+  /** Sensors whose way is shown. */
+  sensors: number;
   selected: CellFacts | null;
 }
 
@@ -85,7 +105,9 @@ export interface Handlers {
   frame(message: FrameMessage): void;
   progress(message: { what: string; done: number | null }): void;
   camera(message: { pose: number[] | null }): void;
-  picked(message: { cell: number | null }): void;
+  picked(message: { cell: number | null; marker: string | null }): void;
+  hovered(message: HoverMessage): void;
+  markers(message: { items: MarkerFacts[] }): void;
   refused(message: { detail: string }): void;
   notice(message: NoticeMessage): void;
 }
@@ -102,20 +124,47 @@ export interface ViewState {
   /** Heights that are shown, in grid steps. */
   low: number | null;
   high: number | null;
+  /** First and last cells that are shown along x, and along y. */
+  crop: number[] | null;
   layout: "beside" | "overlay" | "difference";
-  predicted: "probability" | "verdict" | "entropy";
+  predicted: "probability" | "verdict" | "entropy" | "day";
   observed: "seen" | "age";
   cell: number | null;
-  /** Position and what it looks at, in metres; null: as the server aims it. */
+  markers: MarkerFacts[];
+  /** The door or room that was clicked in the scene. */
+  marker: string | null;
+  /** Position and what it looks at, in metres, and how wide it sees; null: as the server aims it. */
   camera: number[] | null;
   zone: "location" | "mine" | "UTC";
   reach: "day" | "week" | "all" | null;
   /** What the timeline was zoomed to. */
   span: [number, number] | null;
+  /** What playing goes round in. */
+  loop: [number, number] | null;
   grid: GridMessage | null;
   frame: FrameMessage | null;
   events: Mark[];
   playing: boolean;
+}
+
+/** What a location's page shows: the location as it is now, and what is chosen of it. */
+export interface LocationView extends Shared {
+  name: string;
+  isGrid: boolean;
+  path: string;
+  zone: string;
+  interval: number;
+  confidence: number;
+  revision: number;
+  first: number | null;
+  last: number | null;
+}
+
+/** What a location's page and the viewer in it show both; `time` is null where it is that of the newest observation. */
+export interface Shared {
+  cell: number | null;
+  time: number | null;
+  span: [number, number] | null;
 }
 
 /** The elements of the pages that are no plain ones, by id. */
@@ -134,10 +183,19 @@ export interface Controls {
   low: HTMLInputElement;
   high: HTMLInputElement;
   typed: HTMLInputElement;
+  "crop-x-first": HTMLInputElement;
+  "crop-x-last": HTMLInputElement;
+  "crop-y-first": HTMLInputElement;
+  "crop-y-last": HTMLInputElement;
+  "crop-all": HTMLButtonElement;
   "predicted-layer": HTMLSelectElement;
   "observed-layer": HTMLSelectElement;
   "zone-layer": HTMLSelectElement;
   series: HTMLCanvasElement;
+  "take-picture": HTMLButtonElement;
+  "take-loop": HTMLButtonElement;
+  "take-table": HTMLButtonElement;
+  "take-report": HTMLAnchorElement;
   "loading-bar": HTMLProgressElement;
   "settings-form": HTMLFormElement;
   "new-form": HTMLFormElement;
@@ -151,14 +209,37 @@ export interface Series {
   observed: (number | null)[];
 }
 
+/** As much of the frame with viser's client as is used. */
+export interface SceneWindow extends Window {
+  __viserMutable?: {
+    canvas: HTMLCanvasElement | null;
+    camera: { fov: number } | null;
+    cameraControl: { distance: number } | null;
+    messageQueue: unknown[];
+    requestRender(): void;
+  };
+}
+
+/** How much was observed in the steps from `time` on, each of `step_s`. */
+export interface Density {
+  time: number[];
+  step_s: number;
+  step_samples: number;
+  measurements: number[];
+  samples: number[];
+  cells: number;
+}
+
 /** What a chart shows. */
 export interface ChartState {
-  series: Series;
+  series: Series & { step: number };
   events: (Mark & { probability: number })[];
   outliers: [number, number][];
   last: number;
   confidence: number;
-  step: number;
+  span: [number, number];
+  /** The moment that the page shows. */
+  moment(): number | null;
 }
 
 /** An anomaly as the API lists it. */
@@ -227,16 +308,12 @@ export interface Plot {
   valToPos(value: number, scale: string, canvas: boolean): number;
   posToVal(position: number, scale: string): number;
   setSelect(box: { left: number; width: number; top: number; height: number }, fire: boolean): void;
+  redraw(rebuild: boolean, recalculate: boolean): void;
   setSize(size: { width: number; height: number }): void;
   destroy(): void;
 }
 
 declare global {
-  const SwaggerUIBundle: {
-    (how: object): void;
-    presets: { apis: object };
-    SwaggerUIStandalonePreset: object;
-  };
   const uPlot: new (options: object, data: unknown[], host: HTMLElement) => Plot;
   const htmx: {
     ajax(method: string, address: string, how: { target: string; swap: string }): Promise<void>;

@@ -1,7 +1,7 @@
 """partitions by location of what grows, ids that no index holds to be unique across them, and revisions with gaps
 
 Revision: 0013
-Revises: 0010
+Revises: 0012
 """
 
 import sqlalchemy as sa
@@ -10,7 +10,7 @@ from alembic import op
 from tidemap.storage.partitions import has_locations, partition, unpartitioned
 
 revision = "0013"
-down_revision = "0010"
+down_revision = "0012"
 branch_labels = None
 depends_on = None
 

@@ -58,7 +58,7 @@ class CellNotFoundError(NotFoundError):
     code = "cell-not-found"
     title = "Cell not found"
 
-    def __init__(self, cell: int, n_cells: int) -> None:
+    def __init__(self, cell: object, n_cells: int) -> None:
         super().__init__(f"Cell {cell} is outside this location: its cells are 0 to {n_cells - 1}.")
 
 
@@ -368,6 +368,16 @@ class RateLimitError(BusyError):
         self.retry_after_s = retry_after_s
 
 
+class TooManyTabsError(BusyError):
+    """Another tab of the viewer than one key may have open."""
+
+    def __init__(self, most: int) -> None:
+        super().__init__(
+            f"{most} tabs of the viewer are open with this key, and this server allows no more. Close one of them, and "
+            "this one opens by itself; TIDEMAP_VIEWER_TABS sets how many there may be."
+        )
+
+
 class KeyChangedError(BusyError):
     """The key was changed between the first look at it and this request, and is valid."""
 
@@ -445,6 +455,20 @@ class ClusterUnavailableError(BusyError):
         )
 
 
+class WorkersDiedError(DomainError):
+    """Every worker of the Dask cluster that began a task died meanwhile."""
+
+    code = "workers-died"
+    title = "Workers died"
+
+    def __init__(self, task: str, last_worker: str) -> None:
+        super().__init__(
+            f"Each worker of the Dask cluster that began {task} died before its end, the last one at {last_worker}. "
+            "Nothing of this update is visible. Their logs say why; where their memory is too small, give them more or "
+            "lower TIDEMAP_UPDATE_THREADS. Then update again."
+        )
+
+
 class CorruptChunkError(DomainError):
     """A stored blob fails its checksum or cannot be read."""
 
@@ -454,6 +478,14 @@ class CorruptChunkError(DomainError):
     def __init__(self, what: str, why: str) -> None:
         super().__init__(f"The stored {what} is corrupt: {why}. Restore it from a backup; the rest is readable.")
         self.what, self.why = what, why
+
+
+class LaterFormatError(CorruptChunkError):
+    """A stored blob is whole, and of a format that a later version writes."""
+
+    def __init__(self, what: str, why: str) -> None:
+        super().__init__(what, why)
+        self.args = (f"A later version of Tidemap wrote the stored {what}: {why}. Run that version.",)
 
 
 class SchemaVersionError(DomainError):

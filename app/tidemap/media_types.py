@@ -1,6 +1,7 @@
 """Media types: what bodies and answers are written in."""
 
 ARROW = "application/vnd.apache.arrow.stream"
+CSV = "text/csv"
 EVENT_STREAM = "text/event-stream"
 JSON = "application/json"
 NPY = "application/x-npy"

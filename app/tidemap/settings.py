@@ -179,6 +179,18 @@ class Settings(BaseSettings):
         "default `secret.key` in `data`. Servers of one database share it. Keep a copy, apart from the database's.",
     )
     viewer: bool = Field(True, description="Run the 3D viewer.")
+    max_stop_s: float = Field(
+        25.0,
+        gt=0,
+        description="How long stopping takes at most, with the ten seconds in which requests are answered; then the "
+        "process ends by force and says what a database that hangs was asked for.",
+    )
+    viewer_tabs: int = Field(
+        50,
+        gt=0,
+        description="Tabs of the viewer that may be open with one key, or all of them where no key is needed; one more "
+        "is refused and says so. Each has a thread, and takes memory as its map is large.",
+    )
     log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="How much to log.")
     log_format: Literal["text", "json"] = Field("text", description="Lines for people, or an object of JSON a line.")
     access_log: bool = Field(False, description="Log every request: method, path, status, time and address.")

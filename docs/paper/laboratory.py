@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from docs.paper import lab_figures
+from docs.paper import lab_figures, lab_person
 from docs.paper.document import number, table
 from docs.paper.lab_scores import against_observed, against_truth, known_cells
 from docs.paper.lab_week import DIMENSIONS, START, SURVEY_S, Error, LabMaps, LabWeek, lab_week
@@ -31,7 +31,12 @@ def make(images: Path) -> dict[str, str]:
     with ProcessPoolExecutor(len(AREAS)) as pool:
         weeks = list(pool.map(partial(lab_week, seed=SEED, days=DAYS), AREAS))
     lab_figures.maps(weeks[0], split(weeks[0]), images / "figure-9.png")
-    return {"laboratory": table_1(weeks), "lab_poses": poses(weeks), "lab_registration": registration(weeks)}
+    return {
+        "laboratory": table_1(weeks),
+        "lab_person": lab_person.table_of_people(SEED, WEEK_DAYS),
+        "lab_poses": poses(weeks),
+        "lab_registration": registration(weeks),
+    }
 
 
 def split(week: LabWeek) -> int:

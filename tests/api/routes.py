@@ -25,6 +25,7 @@ TABLE: list[tuple[str, str, Any, set[str]]] = [
     ("GET", "/locations/door/state", None, {"operator", "admin"}),
     ("POST", "/locations/door/predict", {"time": [NOW]}, {"operator", "admin"}),
     ("GET", "/locations/door/series", None, {"operator", "admin"}),
+    ("GET", "/locations/door/density", None, {"operator", "admin"}),
     ("GET", "/locations/door/information?best=1", None, {"operator", "admin"}),
     ("GET", "/locations/door/export?format=npz", None, {"operator", "admin"}),
     ("GET", "/locations/door/model", None, {"operator", "admin"}),

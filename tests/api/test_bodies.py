@@ -5,12 +5,13 @@ import json
 import tracemalloc
 from collections.abc import AsyncIterator, Callable, Iterator
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 import zstandard
 
-from tests.api.house import ARROW, JSON, NOW, Api, arrow, done, open_house, problem
+from tests.api.house import ARROW, HOUR, JSON, NOW, Api, arrow, done, open_house, problem
 
 LIMIT = 2**20
 PACK: dict[str, Callable[[bytes], bytes]] = {"gzip": gzip.compress, "zstd": zstandard.compress}
@@ -49,6 +50,18 @@ def test_a_body_may_be_as_long_as_the_limit_and_no_longer(small: Api, encoding: 
     assert str(LIMIT) in found["detail"]
     assert "Split" in found["detail"]
     assert small.facts("door")["observations"] == before + 1
+
+
+def test_json_has_a_limit_of_its_own(tmp_path: Path) -> None:
+    """As it takes more memory and time than arrays of the same length."""
+    with open_house(tmp_path, max_json_bytes=1000) as api:
+        api.location(name="door")
+        times = NOW - HOUR * np.arange(200)
+        path, table = "/locations/door/observations", arrow({"time": times, "state": np.zeros(200, np.uint8)})
+        assert len(table) > 1000
+        done(api.post(path, content=table, headers={"Content-Type": ARROW}), 201)
+        refused = api.post(path, content=sized(1001), headers={"Content-Type": JSON})
+        assert "1000" in problem(refused, 413, "body-too-large")["detail"]
 
 
 def test_the_length_need_not_be_declared(small: Api) -> None:

@@ -8,10 +8,13 @@ import pytest
 from sqlalchemy import text
 
 from tests.api.house import NOW, Api, Http, done, open_house, problem
+from tests.support.databases import PostgresDatabases
+from tests.support.postgres import Postgres
 from tests.support.waiting import until
 from tidemap.api.main import create_app
 from tidemap.storage.engine import open_writer
 from tidemap.version import __version__
+from tidemap.workers.worker import Worker
 
 MISSED = '/locations/{name}",status="404"} 1.0'
 
@@ -40,6 +43,20 @@ def test_it_is_not_ready_while_a_part_is_dead(own: Api) -> None:
     answer = Http(own.http.portal, site).request("GET", "/readyz")
     assert answer.status_code == 503
     assert any("updater" in each for each in answer.json()["problems"])
+    assert 'tidemap_worker_up{worker="updater"} 0.0' in Http(own.http.portal, site).request("GET", "/metrics").text
+
+
+def test_where_several_share_a_database_its_relay_has_to_be_at_work(
+    tmp_path: Path, postgres: Postgres, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with PostgresDatabases(postgres).migrated() as url, open_house(tmp_path, url) as api:
+        assert root(api, "/readyz").status_code == 200
+        lines = root(api, "/metrics").text.splitlines()
+        for worker in ("relay", "updater", "compactor", "watcher", "webhooks", "watch"):
+            assert f'tidemap_worker_up{{worker="{worker}"}} 1.0' in lines
+        monkeypatch.setattr(Worker, "alive", lambda worker: worker._name != "relay-listener")
+        assert root(api, "/readyz").json()["problems"] == ["the relay is not running"]
+        assert 'tidemap_worker_up{worker="relay"} 0.0' in root(api, "/metrics").text
 
 
 def test_it_is_not_ready_on_another_schema(own: Api) -> None:

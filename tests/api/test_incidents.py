@@ -125,12 +125,13 @@ def test_late_data_join_two_events_into_the_older(house: Api, heard: list[EventM
     older, younger = (event["id"] for event in events(house, name))
     done(house.post(f"/anomalies/{younger}/acknowledge", {"note": "seen"}))
     post_minutes(house, name, [(5, 1)])
+    assert (heard[-1].id, heard[-1].wire()["joined"], heard[-1].wire()["update"]) == (older, [younger], True)
     (event,) = events(house, name)
     assert (event["id"], bounds([event]), event["note"]) == (older, [(0, 11)], "seen")
     shown = done(house.get(f"/anomalies/{younger}"))
     assert shown == done(house.get(f"/anomalies/{older}")) == event | {"reasons": shown["reasons"]}
     assert done(house.post(f"/anomalies/{younger}/acknowledge", {"note": "again"}))["id"] == older
-    assert (heard[-1].id, heard[-1].wire()["joined"], heard[-1].wire()["update"]) == (older, [younger], True)
+    assert heard[-1].wire()["note"] == "again"
     assert events(house, name)[0]["note"] == "again"
 
 

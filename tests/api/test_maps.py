@@ -1,7 +1,9 @@
 """Questions about a map: state, predict, series, model."""
 
+import csv
 import io
 import json
+from datetime import datetime
 from typing import Any
 
 import httpx
@@ -338,9 +340,19 @@ class TestPredict:
         bits = -np.sum(both * np.log2(both, out=np.zeros_like(both), where=both > 0), axis=0)
         assert answer["entropy"][0] == pytest.approx(bits.tolist(), abs=1e-6)
 
+    @pytest.mark.parametrize("copies", [1, 12_000], ids=["a few", "more than are parsed at once"])
+    def test_cells_are_linear_or_indices(self, api: Api, lab: str, copies: int) -> None:
+        answers = [
+            done(api.post(f"/locations/{lab}/predict", {"time": [NOON], "cell": cell * copies}))
+            for cell in ([2, 0, 9], [[0, 1, 0], 0, [1, 1, 1]], [[0, 1, 0], [0, 0, 0], [1, 1, 1]])
+        ]
+        assert answers[0]["cell"] == [2, 0, 9] * copies
+        assert answers[0] == answers[1] == answers[2]
+
     def test_cells_outside_are_not_found(self, api: Api, lab: str) -> None:
-        for cell in (-1, 24, 2**40):
+        for cell in (-1, 24, 2**40, [4, 0, 0], [0, -1, 0]):
             found = problem(api.post(f"/locations/{lab}/predict", {"time": [NOON], "cell": [0, cell]}), 404)
+            assert f"Cell {cell} is outside" in found["detail"]
             assert "0 to 23" in found["detail"]
 
 
@@ -368,6 +380,24 @@ class TestSeries:
             assert answer["cell"] == cell
         assert answer["probability"] == answer["state"] == [None] * 24
 
+    def test_as_a_table_it_has_a_header_units_and_the_zone(self, api: Api, door: str) -> None:
+        unfitted = api.location(time_zone="Asia/Kolkata")
+        api.observe(unfitted, [NOW - HOUR], [1])
+        for name, zone, offset in ((door, "UTC", "+00:00"), (unfitted, "Asia/Kolkata", "+05:30")):
+            path = f"/locations/{name}/series?start={NOW - HOUR}&stop={NOW + HOUR}&step=1800"
+            found = api.get(path, headers={"Accept": "text/csv"})
+            assert found.headers["content-type"].startswith("text/csv")
+            assert f'filename="{name}-0.csv"' in found.headers["content-disposition"]
+            rows = list(csv.DictReader(found.text.splitlines()))
+            assert list(rows[0]) == ["time_s", "local_time", "time_zone", "cell", "probability", "state", "observed"]
+            answer = done(api.get(path))
+            assert [float(row["time_s"]) for row in rows] == answer["time"]
+            assert {(row["time_zone"], row["local_time"][-6:]) for row in rows} == {(zone, offset)}
+            assert [datetime.fromisoformat(row["local_time"]).timestamp() for row in rows] == answer["time"]
+            for column in ("probability", "state", "observed"):
+                values = [float(row[column]) if row[column] else None for row in rows]
+                assert values == [each if each is None else pytest.approx(each, abs=1e-6) for each in answer[column]]
+
     def test_before_the_first_model_only_the_observations_are_known(self, api: Api) -> None:
         name = api.location()
         assert done(api.get(f"/locations/{name}/series"))["time"] == []
@@ -380,6 +410,25 @@ class TestSeries:
         api.observe(name, [NOW - 6 * HOUR, NOW - HOUR], [1, 0])
         answer = done(api.get(f"/locations/{name}/series"))
         assert answer["observed"] == [1, 1, 1, None, None, 0, 0], "it is held until now"
+
+
+class TestDensity:
+    """GET /locations/{name}/density"""
+
+    def test_it_says_how_much_was_observed_when_and_answers_a_known_version_with_304(self, api: Api) -> None:
+        name = api.location()
+        assert done(api.get(f"/locations/{name}/density"))["measurements"] == []
+        api.observe(name, [NOW - 5 * HOUR, NOW - 4 * HOUR, NOW - HOUR], [1, 0, 0])
+        path = f"/locations/{name}/density?start={NOW - 6 * HOUR}&stop={NOW}&bins=3"
+        first = api.get(path)
+        answer = done(first)
+        assert answer["measurements"] == answer["samples"] == [1, 1, 1]
+        assert answer["time"] == [NOW - 6 * HOUR, NOW - 4 * HOUR, NOW - 2 * HOUR]
+        assert (answer["step_s"], answer["step_samples"], answer["cells"]) == (2 * HOUR, 2, 1)
+        known = {"If-None-Match": first.headers["etag"]}
+        assert api.get(path, headers=known).status_code == 304
+        api.observe(name, [NOW - 2 * HOUR], [1])
+        assert done(api.get(path, headers=known))["measurements"] == [1, 1, 2]
 
 
 def probability(model: dict[str, Any], time: float) -> float:

@@ -35,6 +35,7 @@ CONTRACT = {
     ("get", "/locations/{name}/state"): {"200", "304"},
     ("post", "/locations/{name}/predict"): {"200"},
     ("get", "/locations/{name}/series"): {"200"},
+    ("get", "/locations/{name}/density"): {"200", "304"},
     ("get", "/locations/{name}/information"): {"200"},
     ("get", "/locations/{name}/export"): {"200"},
     ("get", "/locations/{name}/model"): {"200"},
@@ -69,6 +70,7 @@ PARAMETERS = {
     ("post", "/locations/{name}/update"): {"wait"},
     ("get", "/locations/{name}/state"): {"time", "confidence", "order", "estimator", "bbox", "observed"},
     ("get", "/locations/{name}/series"): {"cell", "start", "stop", "step"},
+    ("get", "/locations/{name}/density"): {"start", "stop", "bins"},
     ("get", "/locations/{name}/information"): {"time", "start", "stop", "step", "bbox", "best", "as_of", "given"},
     ("get", "/locations/{name}/export"): {
         "format",

@@ -68,6 +68,38 @@ def test_a_snoozed_event_grows_unheard_and_comes_back(house: Api, heard: list[Ev
     until(lambda: len(heard) == 3)
 
 
+def test_what_people_say_is_published(house: Api) -> None:
+    said: list[EventMessage] = []
+    kinds = ("anomaly", "attention")
+    end = house.ctx.bus.subscribe_own(lambda each: said.append(each) if each.kind in kinds else None)
+    name = door(house)
+    number = alarm(house, name, 0)["id"]
+    done(house.post(f"/anomalies/{number}/acknowledge", {"note": "the cleaner"}))
+    assert len(said) == 2
+    wire = said[-1].wire()
+    assert (wire["kind"], wire["id"], wire["update"], wire["note"]) == ("anomaly", number, True, "the cleaner")
+    assert said[-1].position > said[0].position
+    # Nobody is to hear of it from now on, but those who list it.
+    over = house.clock.now + HOUR
+    done(house.post(f"/anomalies/{number}/snooze", {"until": over}))
+    done(house.post(f"/anomalies/{number}/acknowledge", {}))
+    assert len(said) == 4
+    for each, what in zip(said[2:], ("snoozed", "acknowledged"), strict=True):
+        wire = each.wire()
+        assert (wire["kind"], wire["location"], wire["id"]) == ("attention", name, number)
+        assert (wire["change"], wire["snoozed_until"]) == (what, iso(over))
+    form = {"start": 0, "stop": 60, "locations": [name, "floor-*"]}
+    mute = done(house.post("/mutes", form), 201)["id"]
+    assert house.delete(f"/mutes/{mute}").status_code == 204
+    assert len(said) == 8
+    told = [(each.location, each.id, each.data["change"]) for each in said[4:]]
+    assert told == [(each, mute, what) for what in ("muted", "unmuted") for each in (name, "floor-*")]
+    done(house.post(f"/anomalies/{number}/snooze", {"until": None}))
+    assert len(said) == 9
+    assert said[-1].kind == "anomaly"
+    end()
+
+
 def test_an_event_in_a_muted_time_is_stored_and_heard_when_it_outlasts_it(
     house: Api, heard: list[EventMessage]
 ) -> None:

@@ -25,6 +25,7 @@ ACROSS = {
     "the summary of locations with their open events": r"AS open FROM anomaly .*GROUP BY anomaly.location_id",
     "the summary of locations with their revisions": r"FROM revision JOIN location ON .* AND location.revision = ",
     "the times of the latest updates, for monitoring": r"FROM location LEFT OUTER JOIN revision ON",
+    "since when those of a page are silent": r"FROM rhythm JOIN anomaly ON anomaly.location_id = rhythm.location_id ",
     "whose event has an id": r"SELECT anomaly.location_id FROM anomaly WHERE anomaly.id = ",
     "the number of the latest change": r"SELECT max\(anomaly.change\)",
     "events of all locations, as a list": r"FROM anomaly WHERE anomaly.part_of IS NULL .*BY anomaly.id (DESC )?LIMIT",

@@ -170,6 +170,25 @@ def test_an_event_lasts_while_one_of_its_cells_is_as_it_was_seen(house: Api) -> 
     assert bounds(house, name) == detected(house, name) == [(23, 25)]
 
 
+def test_what_was_told_stays_where_a_later_model_finds_it_usual(house: Api, heard: list[EventMessage]) -> None:
+    """The door says again that it is open, after an update that learned so: it is the same incident, and as long."""
+    name = door(house)
+    house.observe(name, [FRIDAY + 23 * HOUR], [1])
+    look(house, FRIDAY + 30 * HOUR)
+    assert bounds(house, name) == [(23, 30)]
+    done(house.patch(f"/locations/{name}", {"confidence": 0.999999}))
+    house.update(name)
+    count = len(heard)
+    house.observe(name, [FRIDAY + 26 * HOUR], [1])
+    look(house, FRIDAY + 30 * HOUR + 30)
+    assert bounds(house, name) == [(23, 30)]
+    assert len(heard) == count, "nothing has changed"
+    # By what is measured it ends all the same.
+    house.observe(name, [FRIDAY + 28 * HOUR], [0])
+    look(house, FRIDAY + 31 * HOUR)
+    assert bounds(house, name) == [(23, 28)]
+
+
 def test_what_is_left_is_judged_at_once_where_nothing_is_held(house: Api, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing was read for days; and a look that is to end does, whatever there is to judge."""
     name = door(house)

@@ -25,14 +25,14 @@ N_SEEN, NOISE = 10_000, 0.005
 LEARNED_LOOKS = 96
 
 
-def seen(time_s: float) -> bytes:
+def seen(time_s: float, n_seen: int = N_SEEN) -> bytes:
     """The body of a look: first the cells seen occupied, then those seen free, as the client sends them.
 
     Every look misses other cells of the box, and sees 0.5 % of its cells wrongly.
     """
     random = np.random.default_rng(int(time_s))
-    rows = np.sort(random.choice(CELLS.size, N_SEEN, replace=False))
-    occupied = _occupied(time_s)[rows] ^ (random.random(N_SEEN) < NOISE)
+    rows = np.sort(random.choice(CELLS.size, n_seen, replace=False))
+    occupied = _occupied(time_s)[rows] ^ (random.random(n_seen) < NOISE)
     return arrow.write(snapshot(time_s, CELLS[rows[occupied]], CELLS[rows[~occupied]]).named())
 
 
@@ -49,18 +49,18 @@ def bodies(count: int, before_s: float) -> list[bytes]:
     return [seen(before_s - 2.0 * (count - i)) for i in range(count)]
 
 
-def prepare(ctx: Context) -> None:
+def prepare(ctx: Context, name: str = NAME) -> None:
     """Make the location, post eight days of looks two hours apart, and fit its first model."""
     grid = GridGeometry("map", (0.0, 0.0, 0.0), 0.1, SHAPE)
     create_location(
         ctx,
-        NewLocation(name=NAME, kind="grid3d", interval_s=INTERVAL_S, estimator="fft", order=5, min_cells=4, grid=grid),
+        NewLocation(name=name, kind="grid3d", interval_s=INTERVAL_S, estimator="fft", order=5, min_cells=4, grid=grid),
     )
     until = ctx.clock() - 2 * INTERVAL_S
     for i in range(LEARNED_LOOKS):
-        observe(ctx, NAME, Post(Body(seen(until - 7200.0 * (LEARNED_LOOKS - i)), ARROW)))
+        observe(ctx, name, Post(Body(seen(until - 7200.0 * (LEARNED_LOOKS - i)), ARROW)))
     executor = LocalExecutor(ctx, 2)
-    run_update(ctx, find_location(ctx, NAME).id, UpdateRequest(), executor, lambda _: None)
+    run_update(ctx, find_location(ctx, name).id, UpdateRequest(), executor, lambda _: None)
     executor.close()
 
 

@@ -8,7 +8,8 @@ from sqlalchemy import Table, delete, select, update
 
 from tests.support.contexts import Clock, compact_now, history_of, make_location, opened, post_rows, post_states, refit
 from tidemap.errors import CorruptChunkError
-from tidemap.services.anomalies import EventQuery, acknowledge, list_events
+from tidemap.services.acknowledging import acknowledge
+from tidemap.services.anomalies import EventQuery, list_events
 from tidemap.services.context import Context
 from tidemap.services.detect import DetectQuery, detect
 from tidemap.services.evaluate import EvaluateQuery, evaluate

@@ -74,6 +74,18 @@ def test_a_transition_needs_the_expected_state(store: Store, location: LocationR
         assert (work.jobs.get(number).state, work.jobs.get(number).finished_at) == ("cancelled", 6.0)
 
 
+def test_what_a_job_waits_for_is_no_error_and_ends_with_it(store: Store, location: LocationRecord) -> None:
+    (number,) = queue(store, location)
+    assert store.write(lambda work: work.jobs.note_waiting(number, "a worker"))
+    assert not store.write(lambda work: work.jobs.note_waiting(number, "a worker"))
+    with store.read() as work:
+        assert (work.jobs.get(number).waiting, work.jobs.get(number).error) == ("a worker", None)
+    assert store.write(lambda work: work.jobs.transition(number, "queued", state="cancelled", finished_at=6.0))
+    assert not store.write(lambda work: work.jobs.note_waiting(number, "a worker"))
+    with store.read() as work:
+        assert (work.jobs.get(number).waiting, work.jobs.get(number).error) == (None, None)
+
+
 def begin(number: int, work: Work) -> None:
     work.jobs.transition(number, "queued", state="running")
     work.jobs.progress(work.jobs.get(number).location_id, number, 0.5)

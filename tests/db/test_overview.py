@@ -10,28 +10,28 @@ from anyio.from_thread import start_blocking_portal
 from tests.api.house import Http
 from tests.support.contexts import Clock, make_location, opened, post_states, refit
 from tests.support.databases import SqliteDatabases
-from tests.support.rows import VALUES
+from tests.support.thousand import DAY_S, HOUR_S, fill, open_by_day
 from tidemap.api.main import create_app
+from tidemap.errors import InvalidInputError, RateLimitError
 from tidemap.events.messages import EventMessage
 from tidemap.services.anomalies import EventQuery, newest_events
 from tidemap.services.context import Context
 from tidemap.services.locations import change_location, delete_location
-from tidemap.services.overview import SILENT_PAUSES, overview
+from tidemap.services.overview import overview, silent_since
 from tidemap.services.posters import posters
+from tidemap.services.refusals import MAX_REASON, counting
+from tidemap.services.silence import INTERVAL_S, Silences
+from tidemap.storage.records import ObservationRecord
 from tidemap.storage.repositories.locations import LocationFilter
+from tidemap.storage.repositories.sources import MAX_REFUSED, Refusals, SourceActivity
 from tidemap_web.site import pages
 
-DAY_S = 86400.0
-HOUR_S = 3600.0
 MODELLED = 4
-WEEK = np.arange(0.0, 7 * DAY_S, HOUR_S)
 
 
-def open_by_day(now: float) -> tuple[np.ndarray, np.ndarray]:
-    """A week before now, occupied from 8 to 18 UTC."""
-    times = (now - 7 * DAY_S) // HOUR_S * HOUR_S + HOUR_S + WEEK
-    hour = times % DAY_S / HOUR_S
-    return times, ((hour >= 8) & (hour < 18)).astype(np.uint8)
+def wait_for_writes(ctx: Context) -> None:
+    """Writes are done in their order."""
+    ctx.store.write(lambda work: None)
 
 
 def door(ctx: Context, name: str, until: float) -> None:
@@ -52,21 +52,29 @@ def test_now_and_the_next_change_are_those_of_the_rhythm_given_what_was_read(ctx
     assert row.outlook.becomes == 1
     assert abs(row.outlook.change % DAY_S / HOUR_S - 8) < 1
     assert len(row.outlook.probability) == len(row.outlook.time) == 97
-    assert row.silent_at is not None
-    assert row.silent_at > clock.now
-    clock.now += 2 * DAY_S
-    (row,) = overview(ctx, LocationFilter(), 0, 50).rows
-    assert row.silent_at is not None
-    assert row.silent_at < clock.now
 
 
-def test_what_is_seen_seldom_is_silent_later(ctx: Context, clock: Clock) -> None:
-    make_location(ctx, "cellar", interval_s=60)
-    post_states(ctx, "cellar", clock.now - 7 * DAY_S * np.arange(5.0)[::-1], [0] * 5)
-    (row,) = overview(ctx, LocationFilter(), 0, 50).rows
-    assert row.outlook is None  # without a model
-    assert row.silent_at is not None
-    assert row.silent_at - clock.now == pytest.approx(SILENT_PAUSES * 4 / 5 * 7 * DAY_S)
+def test_whose_silence_is_an_event_is_red_until_it_speaks(ctx: Context, clock: Clock) -> None:
+    make_location(ctx, "door")
+    start = clock.now
+    times = np.arange(start - 28 * DAY_S, start, INTERVAL_S)
+    records = [ObservationRecord(t, "a", 0, t, t, None, None, b"") for t in times.tolist()]
+    ctx.store.write(lambda work: work.observations.append(work.locations.get("door").id, records))
+    silences = Silences()
+
+    def listen(until: float) -> tuple[float | None, dict[str, bool]]:
+        while clock.now < until:
+            clock.now += INTERVAL_S / 2
+            silences.watch(ctx)
+        (row,) = overview(ctx, LocationFilter(), 0, 50).rows
+        assert silent_since(ctx, row.location) == row.silent_since
+        return row.silent_since, {each.name: each.silent for each in posters(ctx, "door")}
+
+    assert listen(start + 600) == (None, {"a": False})
+    assert listen(start + HOUR_S) == (times[-1], {"a": True})
+    post_states(ctx, "door", [clock.now], [0], source="b")
+    # One of them speaks again: the other is silent still.
+    assert listen(start + HOUR_S + 600) == (None, {"a": True, "b": False})
 
 
 def test_locations_are_found_by_a_part_of_their_names_sorted_and_paged(ctx: Context, clock: Clock) -> None:
@@ -107,8 +115,44 @@ def test_robots_are_listed_with_what_they_posted_within_a_day(ctx: Context, cloc
     clock.now += 2 * DAY_S
     post_states(ctx, "lab", [clock.now - 1, clock.now], [0, 1], source="b")
     post_states(ctx, "lab", [clock.now + 1], [1])
-    found = {each.name: (each.posts, each.measurements, each.last_received) for each in posters(ctx, "lab")}
-    assert found == {"a": (0, 0, clock.now - 2 * DAY_S), "b": (1, 2, clock.now), "": (1, 1, clock.now)}
+    found = {each.name: each.activity for each in posters(ctx, "lab")}
+    assert found == {
+        "a": SourceActivity("a", 1, 0, 0, clock.now - 2 * DAY_S, clock.now - 2 * DAY_S - 2),
+        "b": SourceActivity("b", 1, 1, 2, clock.now, clock.now),
+        "": SourceActivity("", 1, 1, 1, clock.now, clock.now + 1),
+    }
+
+
+def test_refused_posts_are_counted_by_robot_with_the_last_reason(ctx: Context, clock: Clock) -> None:
+    make_location(ctx, "lab")
+
+    def refused(source: str | None, reason: str, location: str = "lab") -> None:
+        with pytest.raises(InvalidInputError), counting(ctx, location, source):
+            raise InvalidInputError.at("state", reason)
+
+    start = clock.now
+    refused("a", "first")
+    clock.now += HOUR_S
+    refused("a", "second")
+    refused(None, "x" * 1000)
+    refused("a", "nowhere", "garage")
+    with pytest.raises(RateLimitError), counting(ctx, "lab", "a"):
+        raise RateLimitError(1)
+    wait_for_writes(ctx)
+    found = {each.name: each.refused for each in posters(ctx, "lab")}
+    assert found["a"] == Refusals("a", 2, start, clock.now, "state: second")
+    assert found[""] is not None
+    assert (found[""].count, len(found[""].reason)) == (1, MAX_REASON)
+
+    clock.now += 2 * DAY_S
+    refused("a", "third")
+    for number in range(MAX_REFUSED + 5):
+        clock.now += 1
+        refused(f"robot {number}", "again")
+    wait_for_writes(ctx)
+    found = {each.name: each.refused for each in posters(ctx, "lab")}
+    assert len(found) == MAX_REFUSED
+    assert "a" not in found
 
 
 def test_everybody_hears_what_becomes_of_a_location(ctx: Context) -> None:
@@ -126,7 +170,7 @@ def test_everybody_hears_what_becomes_of_a_location(ctx: Context) -> None:
 
 def test_a_page_of_a_thousand_locations_is_small(tmp_path: Path, clock: Clock) -> None:
     with SqliteDatabases(tmp_path).migrated() as url, opened(url, clock) as ctx:
-        _fill(ctx, clock.now)
+        fill(ctx, clock.now, MODELLED)
         app = create_app(ctx)
         with pages(ctx, app), start_blocking_portal() as portal:
             browser = Http(portal, app)
@@ -140,14 +184,3 @@ def test_a_page_of_a_thousand_locations_is_small(tmp_path: Path, clock: Clock) -
             assert len(re.findall("<tr id", browser.request("GET", "/?q=-0999").text)) == 1
             assert len(re.findall("<tr id", browser.request("GET", "/?page=20").text)) == 50
             assert "No location is like this" in browser.request("GET", "/?page=21").text
-
-
-def _fill(ctx: Context, now: float) -> None:
-    """A thousand locations, some of the first fifty with a week of readings and a model."""
-    names = [f"building-{number // 200}-floor-{number % 5}-door-{number:04}" for number in range(1000)]
-    values = [VALUES | {"name": name, "interval_s": HOUR_S, "epoch": 0.0} for name in names]
-    ctx.store.write(lambda work: [work.locations.create(each) for each in values])
-    times, states = open_by_day(now)
-    for name in sorted(names)[:MODELLED]:
-        post_states(ctx, name, times, states)
-        refit(ctx, name, estimator="fft", order=3)

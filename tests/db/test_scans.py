@@ -18,6 +18,7 @@ from tidemap.services.deletion import Deletion, delete_observations
 from tidemap.services.locations import delete_location, get_location
 from tidemap.services.posts import Observed, Post
 from tidemap.services.pruning import prune
+from tidemap.services.robots import has_scans, sensor_tracks
 from tidemap.services.scans import ScanQuery, begin_scan, delete_scan, kept_bytes, list_scans, points_of, replay_scan
 from tidemap.services.verify import verify
 from tidemap.settings import DAY_S
@@ -217,3 +218,15 @@ def test_damaged_points_are_reported_and_not_believed(ctx: Context, lab: str) ->
     found: list[Any] = []
     verify(ctx.settings.url, found.append)
     assert [each.where for each in found] == [f"scan {number}"]
+
+
+def test_sensors_have_tracks_of_the_poses_that_stand(ctx: Context, lab: str) -> None:
+    location = get_location(ctx, lab)
+    assert not has_scans(ctx, location.id)
+    for time, source in ((600.0, "spot"), (900.0, None), (720.0, "spot"), (4400.0, None)):
+        post(ctx, time, source=source)
+    post(ctx, 660.0, POOR, source="spot")
+    assert has_scans(ctx, location.id)
+    tracks = sensor_tracks(ctx, location.id, 600.0, 4200.0)
+    assert [(track.source, track.time.tolist()) for track in tracks] == [("", [900.0]), ("spot", [600.0, 720.0])]
+    assert tracks[0].map_from_sensor[0].translation.tolist() == [2.5, 2.5, 1.0]

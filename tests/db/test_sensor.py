@@ -11,13 +11,17 @@ from tests.support.contexts import NOW, compact_now, make_location, opened, post
 from tests.unit.spectral.filtering import filtered, learn
 from tests.unit.spectral.real import room
 from tidemap.api.views.locations import location_changes
+from tidemap.formats.registry import Body
 from tidemap.history.history import UNOBSERVED
 from tidemap.history.sequences import Sequences
+from tidemap.media_types import JSON
 from tidemap.schemas.locations import LocationPatch
 from tidemap.services import beliefs as services_beliefs
 from tidemap.services.context import Context
 from tidemap.services.locations import change_location
 from tidemap.services.model import model_of
+from tidemap.services.observe import observe
+from tidemap.services.posts import Post
 from tidemap.services.predict import PredictQuery, predict_at
 from tidemap.services.state import StateQuery, ask, buffer_of, grid_of, state_at
 from tidemap.spectral.prediction import predict_readings
@@ -121,6 +125,33 @@ def test_what_is_held_is_no_evidence_of_a_sensor(ctx: Context) -> None:
     found = model_of(ctx, "bell").revision.detector
     assert found is not None
     assert found.readings == 400
+
+
+@pytest.mark.parametrize("compacted", [False, True])
+def test_a_belief_is_held_until_its_sensor_says_that_it_is_unavailable(ctx: Context, compacted: bool) -> None:
+    """As if a state stood that long and no longer; readings that follow move what is believed without any hold."""
+    n, gap = 300, 200
+    times = BEGIN + MINUTE * np.append(np.arange(n), n + gap + np.arange(3))
+    states = np.append(noisy(n), [0, 1, 1])
+    for name, hold_s in (("ended", 4 * gap * MINUTE), ("short", 4 * MINUTE), ("long", 4 * gap * MINUTE)):
+        make_location(ctx, name, estimator="static", missing="hold", hold_s=4 * MINUTE, sensor=RATES)
+        post_states(ctx, name, times[:n], states[:n])
+        refit(ctx, name)
+        # All have the same model.
+        change_location(ctx, name, {"hold_s": hold_s})
+        probability(ctx, name, times[n - 1] + 1)
+    body = Body(b'{"time": [%f], "state": [null]}' % (times[n - 1] + 5 * MINUTE), JSON)
+    observe(ctx, "ended", Post(body))
+    found, later = {}, {}
+    for name in ("ended", "short", "long"):
+        if compacted:
+            compact_now(ctx, name)
+        found[name] = [probability(ctx, name, times[n - 1] + minutes * MINUTE + 1) for minutes in (3, 100, gap)]
+        post_states(ctx, name, times[n:], states[n:])
+        later[name] = [probability(ctx, name, time + 1, time + 1) for time in times[-3:]]
+    assert found["ended"] == found["short"]
+    assert found["ended"][1:] != found["long"][1:]
+    assert later["ended"] == later["short"] == later["long"]
 
 
 def test_posts_are_gone_on_from_and_not_read_anew(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,5 +1,6 @@
 """Spectra and revisions: what is visible, and when."""
 
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -9,14 +10,17 @@ from sqlalchemy import func, select, update
 
 from tests.support.contexts import make_location, post_rows, refit
 from tests.support.rows import VALUES
-from tidemap.errors import CorruptChunkError
+from tidemap.errors import CorruptChunkError, LaterFormatError
 from tidemap.history.timebase import TimeBase
 from tidemap.services.context import Context, Loaded
 from tidemap.services.predict import PredictQuery, predict_at
 from tidemap.services.spectra import fitted
 from tidemap.services.state import StateQuery, state_at
+from tidemap.spectral.conditioning import UNLEARNED
+from tidemap.spectral.correction import LastingCorrection
 from tidemap.spectral.recipe import Recipe
 from tidemap.spectral.spectrum import Spectrum, static
+from tidemap.storage.blobs import pack_json
 from tidemap.storage.records import LocationRecord, RevisionRecord
 from tidemap.storage.store import Store
 from tidemap.storage.tables import revision, spectrum
@@ -94,6 +98,34 @@ def test_what_is_not_known_of_a_revision_stays_unknown(store: Store, location: L
     store.write(lambda work: work.spectra.publish(record))
     with store.read() as work:
         assert work.spectra.get(location.id, 1) == record
+
+
+def test_how_long_states_last_is_read_as_earlier_versions_stored_it_and_not_as_later_ones_do(
+    store: Store, location: LocationRecord
+) -> None:
+    correction = LastingCorrection(60.0, np.ones((2, 2, 2)))
+    record = record_of(location, 1, persistence=replace(UNLEARNED, correction=correction), offset={3: 0.5})
+    store.write(lambda work: work.spectra.publish(record))
+    with store.read() as work:
+        found = work.spectra.get(location.id, 1)
+        blob = work.spectra._connection.execute(select(revision.c.persistence)).scalar_one()
+    assert found is not None
+    assert found.persistence.as_dict() == record.persistence.as_dict()
+    assert blob[0] == 2, "a version that knows no correction says that it cannot read it"
+    set_persistence(store, pack_json({**UNLEARNED.as_dict(), "offset": []}))
+    with store.read() as work:
+        assert work.spectra.get(location.id, 1) == record_of(location, 1)
+    set_persistence(store, b"\3" + blob[1:])
+    with store.read() as work, pytest.raises(CorruptChunkError, match="is corrupt: its format is 3"):
+        work.spectra.get(location.id, 1)
+    set_persistence(store, pack_json({}, 3))
+    says = "later version of Tidemap wrote the stored persistence of revision 1: its format is 3, this version reads 2"
+    with store.read() as work, pytest.raises(LaterFormatError, match=says):
+        work.spectra.get(location.id, 1)
+
+
+def set_persistence(store: Store, blob: bytes) -> None:
+    store.write(lambda work: work.spectra._connection.execute(update(revision).values(persistence=blob)))
 
 
 def test_earlier_revisions_go(store: Store, location: LocationRecord) -> None:

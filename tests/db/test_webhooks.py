@@ -18,6 +18,7 @@ from tests.support.waiting import until
 from tidemap.schemas.common import iso, parse_time
 from tidemap.scope import EVERYWHERE, Scope
 from tidemap.services import delivery
+from tidemap.services.acknowledging import acknowledge
 from tidemap.services.context import Context
 from tidemap.services.locations import delete_location, find_location
 from tidemap.services.snoozing import snooze
@@ -167,6 +168,17 @@ def test_nothing_is_sent_of_what_is_snoozed_until_it_is_over(ctx: Context) -> No
         assert latest(receiver)[quiet]["stop"] == iso(1001.0)
         snooze(ctx, quiet, "ann", None)
         until(lambda: latest(receiver)[quiet]["stop"] == iso(1002.0))
+
+
+def test_an_acknowledgement_is_sent_as_a_change_of_the_event(ctx: Context) -> None:
+    door = room(ctx)
+    with receiving() as receiver, sending(ctx):
+        subscribe(ctx, receiver)
+        number = alarm(ctx, door, 0)
+        until(lambda: ids(receiver.accepted) == {number})
+        acknowledge(ctx, number, "ann", "the cleaner")
+        until(lambda: latest(receiver)[number]["acknowledged_by"] == "ann")
+    assert latest(receiver)[number]["update"]
 
 
 def test_what_fails_is_tried_ever_more_rarely_and_put_aside(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,22 +9,24 @@ from threading import Event, Thread
 import pytest
 from sqlalchemy import create_engine, select
 
-from tests.e2e.test_replicas import QUIET, check_published, job, update_begun, wait_for_election
 from tests.support.cluster import Cluster, running_cluster
-from tests.support.contexts import Clock, make_location, opened, post_rows
+from tests.support.contexts import Clock, at_work, elected, make_location, opened, post_rows
 from tests.support.databases import SqliteDatabases
+from tests.support.drill import Sizes, fleet_of_processes
 from tests.support.server import StartServer
-from tests.support.site import Site
-from tests.support.tasks import Held, hold, negate, refuse
+from tests.support.tasks import Held, die, hold, negate, refuse
 from tests.support.waiting import until
-from tidemap.errors import ClusterUnavailableError, NotLeaderError, ShuttingDownError
+from tidemap.errors import ClusterUnavailableError, NotLeaderError, ShuttingDownError, WorkersDiedError
+from tidemap.services.jobs import get_job, request_update
 from tidemap.services.locations import find_location
 from tidemap.services.update import UpdateRequest, run_update
 from tidemap.storage.tables import spectrum
+from tidemap.version import __version__
 from tidemap.workers import dask_executor
 from tidemap.workers.dask_executor import DaskExecutor
 from tidemap.workers.dask_worker import serve_cluster
 from tidemap.workers.executors import LocalExecutor
+from tidemap.workers.updater import Updater
 
 
 @pytest.fixture(scope="module")
@@ -170,7 +172,7 @@ def test_a_scheduler_that_falls_silent_and_has_no_workers(
         results = executor.map(negate, [1])
 
         def freeze() -> None:
-            until(lambda: "no `tidemap worker`" in caplog.text)
+            until(lambda: "No `tidemap worker`" in caplog.text)
             cluster.freeze_scheduler()
 
         waiting = Thread(target=freeze)
@@ -178,8 +180,33 @@ def test_a_scheduler_that_falls_silent_and_has_no_workers(
         with pytest.raises(ClusterUnavailableError):
             next(iter(results))
         waiting.join()
-    assert caplog.text.count("no `tidemap worker`") == 1
+    assert caplog.text.count("No `tidemap worker`") == 1
     assert caplog.text.count("does not answer") == 1
+
+
+def test_a_job_says_that_it_waits_for_a_worker(cluster: Cluster, url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dask_executor, "ASK_S", 0.2)
+    with opened(url, dask_scheduler=cluster.address) as ctx, elected(ctx) as election, at_work(Updater(ctx, election)):
+        make_location(ctx, "waits", (8, 8))
+        post_rows(ctx, "waits", [(60.0 * n, 7, n % 3 == 0) for n in range(20)])
+        number = request_update(ctx, "waits", UpdateRequest(estimator="static")).id
+        waiting = until(lambda: get_job(ctx, number).waiting)
+        assert waiting.startswith(f"No `tidemap worker` of version {__version__} is at the Dask cluster")
+        assert get_job(ctx, number).error is None
+        worker = cluster.worker(url)
+        until(lambda: get_job(ctx, number).finished_at)
+        done = get_job(ctx, number)
+        assert (done.state, done.waiting, done.error) == ("done", None, None)
+    worker.terminate()
+    worker.wait()
+
+
+def test_a_task_that_kills_its_workers_is_given_up_with_a_word_to_its_location(url: str, tmp_path: Path) -> None:
+    allowed = {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0"}
+    with running_cluster(tmp_path, allowed) as cluster, executing(cluster) as executor:
+        cluster.worker(url)
+        with pytest.raises(WorkersDiedError, match=r"began 7 died before its end, the last one at tcp://.*give them"):
+            list(executor.map(die, [7]))
 
 
 def test_what_keeps_a_worker_from_joining_ends_neither_it_nor_its_search(
@@ -194,19 +221,8 @@ def test_what_keeps_a_worker_from_joining_ends_neither_it_nor_its_search(
         serving.join()
 
 
-def test_an_update_outlives_a_worker_and_a_leader(cluster: Cluster, server: StartServer, database_url: str) -> None:
-    env = QUIET | cluster.env
-    with Site(server(database_url=database_url, env=env)) as first:
-        wait_for_election(first.server)
-        workers = [cluster.worker(database_url), cluster.worker(database_url)]
-        with Site(server(database_url=database_url, env=env)) as second:
-            number = update_begun(second)
-            workers[0].kill()
-            until_progress = job(second, number)["progress"] + 0.1
-            until(lambda: job(second, number)["progress"] >= until_progress or job(second, number)["state"] == "done")
-            first.server.kill()
-            wait_for_election(second.server)
-            until(lambda: job(second, number)["finished_at"] is not None)
-            check_published(second, number, database_url)
-        workers[1].terminate()
-        workers[1].wait()
+def test_a_fleet_outlives_a_worker_a_leader_and_the_database(server: StartServer, tmp_path: Path) -> None:
+    """Ten locations, robots at two servers, three workers: whatever dies in the midst of an update."""
+    with fleet_of_processes(server, tmp_path, Sizes(hall=(100, 50, 20), outboxes=4, direct=2, pause_s=0.2)) as drill:
+        drill.update_through_deaths()
+    assert drill.deaths == ["worker", "leader", "database"]

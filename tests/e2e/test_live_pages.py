@@ -108,6 +108,25 @@ def test_the_list_of_anomalies_follows_what_becomes_of_locations(url: str, page:
         make_location(url, "fleeting", [0])
 
 
+def test_what_is_acknowledged_in_one_tab_is_so_in_all(url: str, page: Page) -> None:
+    other, still_open = page.context.new_page(), page.context.new_page()
+    other.goto(f"{url}/locations/door")
+    still_open.goto(f"{url}/anomalies")
+    page.goto(f"{url}/anomalies?state=all")
+    rows = [each.locator("tr[id^=anomaly-]") for each in (page, other, still_open)]
+    for row in rows:
+        expect(row).to_have_class("open")
+    number = rows[0].get_attribute("id").removeprefix("anomaly-")  # type: ignore[union-attr]
+    page.get_by_label("Note").fill("the cleaner")
+    rows[0].get_by_role("button", name="Acknowledge").click()
+    for row in rows[:2]:
+        expect(row).to_contain_text("the cleaner", timeout=WAIT_MS)
+    expect(rows[2]).to_have_count(0, timeout=WAIT_MS)
+    post(url, f"/anomalies/{number}/snooze", {"until": time.time() + 3600})
+    for row in rows[:2]:
+        expect(row).to_contain_text("snoozed by", timeout=WAIT_MS)
+
+
 def sign_in(context: BrowserContext, url: str, key: str, path: str) -> Page:
     page = context.new_page()
     page.goto(url + path)

@@ -40,6 +40,28 @@ def run(page: Page, module: str, script: str, *given: Any) -> Any:
     )
 
 
+def test_a_heartbeat_says_when_nobody_answers_and_gives_up(module: Page) -> None:
+    module.clock.install()
+    begin = """() => {
+      window.log = [];
+      const silent = (since) => log.push(since === null ? "heard" : "silent");
+      window.heart = new m.Heartbeat({ ask: () => log.push("ask"), silent, give: () => log.push("give") });
+      heart.start();
+    }"""
+    run(module, "core/heartbeat.js", begin)
+    for milliseconds, heard in ((2600, True), (9000, True), (2600, False), (40_000, False)):
+        module.clock.run_for(milliseconds)
+        if heard:
+            module.evaluate("heart.heard()")
+    assert module.evaluate("log") == ["ask", "ask", "silent", "heard", "ask", "silent", "heard", "give"]
+
+
+def test_an_address_has_a_crop_of_cells_in_their_order(module: Page) -> None:
+    asked = ["0-4,5-5", "4-0,5-5", "0-4", "0-99999,0-1", ""]
+    read = "(asked) => asked.map((crop) => m.readAddress(`?crop=${crop}`).crop)"
+    assert run(module, "core/address.js", read, asked) == [[0, 4, 5, 5], None, None, None, None]
+
+
 def test_words_are_the_same_in_both_languages(module: Page) -> None:
     now = 1.7e9
     for sign in (-1, 1):
@@ -156,3 +178,19 @@ def test_a_stream_of_what_is_gone_is_not_taken_for_a_lost_connection(
       return { said, again: opened > 1 };
     }"""
     assert run(module, "core/live.js", script, status) == {"said": said, "again": status == 200}
+
+
+def test_the_address_of_a_location_carries_cell_and_moment(module: Page) -> None:
+    read = "(search, isGrid) => m.readLocation(search, { isGrid })"
+    moment = datetime(2026, 3, 5, 10, tzinfo=UTC).timestamp()
+    for search, is_grid, expected in (
+        ("?cell=7&time=2026-03-05T10:00:00Z", True, {"cell": 7, "time": moment}),
+        (f"?cell=7&time={moment}", False, {"cell": 0, "time": moment}),
+        ("?cell=x&time=10:00", True, {"cell": None, "time": None}),
+    ):
+        assert run(module, "core/location.js", read, search, is_grid) == expected
+    write = "(cell, time, search) => m.writeLocation({ cell, time, isGrid: true }, search)"
+    assert (
+        run(module, "core/location.js", write, 7, moment + 0.25, "?x=1&time=3") == f"?x=1&time={moment + 0.25}&cell=7"
+    )
+    assert run(module, "core/location.js", write, None, None, "?cell=3&time=3") == "/"

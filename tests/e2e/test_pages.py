@@ -5,9 +5,8 @@ import io
 import os
 import re
 import subprocess
-import sys
 from datetime import UTC, datetime
-from typing import Any, Literal
+from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 import httpx
@@ -16,9 +15,12 @@ from PIL import Image
 from playwright.sync_api import Page, expect
 
 from tests.e2e.test_keys import make_key
-from tests.support.pages import barriers, make_door, no_complaints
+from tests.support.pages import PAGES, START, VIEWER, barriers, loading, make_door, no_complaints
+from tests.support.paths import ROOT
 from tests.support.server import ServerProcess, StartServer
 from tests.support.viewer import make_grid, post
+
+DAY_S = 86400
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +40,7 @@ def test_the_first_page_lists_the_locations(site: str, page: Page) -> None:
             re.compile(r"(free|occupied) about .*\d\d:\d\d")
         )
         expect(door.locator("svg.spark path").first).to_have_attribute("d", re.compile("^M0 "))
-        expect(door.locator(".seen")).to_have_class(re.compile("silent"))
+        expect(door.locator(".seen time")).to_have_text(re.compile("ago"))
         expect(door.locator("td[data-label='Anomalies']")).to_have_text("1 open")
         expect(page.get_by_role("row", name="lab")).to_contain_text("3D grid · 10 × 6 × 4")
         page.get_by_role("link", name="office-door").click()
@@ -133,10 +135,16 @@ def test_how_well_it_is_predicted_is_shown_when_asked(site: str, page: Page) -> 
 def test_an_update_is_asked_for_and_comes_to_its_end(server: StartServer, page: Page) -> None:
     process = server()
     make_door(process.url, "door")
+    wrong = {"time": [START.timestamp()], "state": [7]}
+    address = f"{process.url}/api/v1/locations/door/observations?source=rover"
+    assert httpx.post(address, json=wrong, trust_env=False).status_code == 422
     page.goto(f"{process.url}/locations/door")
     page.get_by_role("button", name="Update now").click()
     expect(page.locator("#work")).to_contain_text("revision 2", timeout=60_000)
     expect(page.locator("#work")).to_contain_text("without a name")
+    expect(page.get_by_role("row", name="rover").locator("td[data-label='Refused']")).to_contain_text(
+        re.compile(r"^\s*1 since .*state\[0\]", re.DOTALL)
+    )
     expect(page.locator("#history .legend")).to_contain_text("by revision 2", timeout=60_000)
     page.get_by_label("Confidence").fill("0.2")
     page.get_by_role("button", name="Save").click()
@@ -144,24 +152,6 @@ def test_an_update_is_asked_for_and_comes_to_its_end(server: StartServer, page: 
     page.get_by_label("Confidence").fill("0.95")
     page.get_by_role("button", name="Save").click()
     expect(page.locator("#facts")).to_contain_text("0.95")
-
-
-def test_a_new_location_is_made_and_its_first_post_is_seen(site: str, page: Page) -> None:
-    page.goto(f"{site}/new")
-    page.get_by_label("Name").fill("office-door")
-    page.get_by_role("button", name="Make it").click()
-    expect(page.get_by_role("alert").last).to_contain_text("office-door")
-    page.get_by_label("Name").fill("cellar")
-    page.get_by_role("button", name="Make it").click()
-    expect(page.locator("#arrival")).to_contain_text("Waiting")
-    expect(page.locator("#new-form")).to_be_hidden()
-    shown = page.locator("pre:visible").first.inner_text()
-    done = subprocess.run(["sh", "-ec", shown], env={**os.environ, "NO_PROXY": "*"}, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    expect(page.locator("#arrival")).to_have_text("The first post has arrived.")
-    program = page.locator("pre:visible").nth(1).inner_text()
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
 
 
 def test_the_chart_shows_what_was_predicted_and_observed(site: str, page: Page) -> None:
@@ -230,7 +220,70 @@ def test_a_grid_shows_the_viewer_and_the_chart_of_a_cell(site: str, page: Page) 
     page.goto(f"{site}/locations/lab?cell=121&time=2026-03-05T10:00:00Z")
     expect(viewer.locator("#date")).to_have_text("Thu 5 Mar 2026")
     expect(viewer.locator("#clock")).to_have_text("10:00:00")
-    expect(page.get_by_role("link", name="Open the viewer alone")).to_have_attribute("href", "/view/?location=lab")
+    alone = "/view/?location=lab&cell=121&time=1772704800"
+    expect(page.get_by_role("link", name="Open the viewer alone")).to_have_attribute("href", alone)
+
+
+def test_a_page_and_its_viewer_show_one_cell_one_moment_and_one_range(site: str, page: Page) -> None:
+    moment = int(datetime(2026, 3, 5, 10, tzinfo=UTC).timestamp())
+    last = int(datetime(2026, 3, 9, 23, 30, tzinfo=UTC).timestamp())
+    page.goto(f"{site}/locations/lab?cell=121&time={moment}")
+    viewer = page.frame_locator("iframe.viewer")
+    expect(viewer.locator("#clock")).to_have_text("10:00:00", timeout=30_000)
+    slider = viewer.locator("#time")
+    expect(slider).to_have_attribute("min", str(moment - DAY_S // 2))
+    viewer.get_by_role("button", name="+1 h").click()
+    expect(page).to_have_url(re.compile(f"time={moment + 3600}$"))
+
+    page.get_by_role("button", name="Day").click()
+    expect(slider).to_have_attribute("min", str(last - DAY_S))
+    expect(slider).to_have_attribute("max", str(last + DAY_S))
+    plot = page.locator("#chart .u-over")
+    expect(plot).to_be_visible()
+    box = plot.bounding_box()
+    assert box is not None
+    plot.click(position={"x": box["width"] / 4, "y": 40})
+    expect(viewer.locator("#date")).to_have_text("Mon 9 Mar 2026")
+    chosen = float(parse_qs(urlsplit(page.url).query)["time"][0])
+    assert abs(chosen - (last - DAY_S / 2)) < 2 * DAY_S / box["width"]
+    page.go_back()
+    expect(viewer.locator("#clock")).to_have_text("11:00:00")
+    expect(page).to_have_url(re.compile(f"time={moment + 3600}$"))
+
+
+def test_an_anomaly_of_a_page_leads_to_its_moment_there(site: str, page: Page) -> None:
+    page.goto(f"{site}/locations/office-door")
+    page.locator("#anomalies-table th a").click()
+    expect(page).to_have_url(re.compile("/locations/office-door\\?time=1773630000$"))
+    expect(page.locator("#history")).to_be_in_viewport()
+    page.go_back()
+    expect(page).to_have_url(re.compile("/locations/office-door$"))
+
+
+def test_older_anomalies_are_those_of_that_location_alone(site: str, page: Page) -> None:
+    page.goto(f"{site}/anomalies?of=office-door&state=all")
+    expect(page.get_by_role("heading", level=1)).to_have_text("Anomalies of office-door")
+    expect(page.locator("#anomalies-table tbody tr")).to_have_count(1)
+    page.get_by_label("Surprise").select_option("0.9")
+    expect(page).to_have_url(re.compile("of=office-door"))
+    for name, status in (("office", 404), ("office-door", 200)):
+        assert httpx.get(f"{site}/anomalies?of={name}", trust_env=False).status_code == status
+
+
+def test_the_api_is_documented_and_tried_on_its_page(site: str, page: Page) -> None:
+    page.goto(f"{site}/api/docs#predict")
+    paths = httpx.get(f"{site}/api/v1/openapi.json", trust_env=False).json()["paths"]
+    expect(page.locator("form.try")).to_have_count(sum(map(len, paths.values())))
+    form = page.locator("#predict form.try")
+    expect(form).to_be_visible()
+    form.get_by_label("name").fill("office-door")
+    form.get_by_label("Body").fill('{"time": [1772528400]}')
+    form.get_by_role("button").click()
+    expect(form.locator("output")).to_contain_text("200 OK")
+    expect(form.locator("output")).to_contain_text('"probability"')
+    shown = form.get_by_label("Request").inner_text()
+    done = subprocess.run(["sh", "-ec", shown], env={**os.environ, "NO_PROXY": "*"}, capture_output=True, text=True)
+    assert '"probability"' in done.stdout, done.stderr
 
 
 def test_a_location_that_is_not_there_says_so(site: str, page: Page) -> None:
@@ -279,34 +332,32 @@ def test_an_address_that_is_not_there_answers_people_with_a_page(site: str) -> N
     assert answer.headers["content-type"] == "application/problem+json"
 
 
-Scheme = Literal["light", "dark"]
-PATHS = [
-    "/",
-    "/anomalies",
-    "/new",
-    "/locations/office-door",
-    "/locations/lab?cell=121",
-    "/api/docs",
-    "/nowhere",
-    "/login",
-]
-
-
-@pytest.mark.parametrize("path", PATHS)
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_pages_keep_nobody_out_and_hold_still(site: str, page: Page, path: str, scheme: Scheme) -> None:
-    page.emulate_media(color_scheme=scheme)
+@pytest.mark.parametrize("path", PAGES)
+def test_pages_are_light_keep_nobody_out_and_hold_still(site: str, page: Page, path: str) -> None:
     page.add_init_script(_WATCH_SHIFTS)
-    asked: list[str] = []
-    page.on("request", lambda request: asked.append(request.url))
-    page.goto(site + path)
-    page.wait_for_load_state("networkidle" if path == "/api/docs" else "load")
-    page.wait_for_timeout(500)
-    assert barriers(page) == []
+    with no_complaints(page, "404" if path == "/nowhere" else None), loading(page) as load:
+        page.goto(site + path)
+    assert all(address.startswith((site, "data:", "blob:")) for address in load.asked)
+    most, n_bytes = WEIGHTS[path]
+    asked = [each for each in load.asked if each.startswith(site) and VIEWER not in each]
+    assert len(asked) <= most
+    assert 0.7 * n_bytes < load.n_bytes <= n_bytes, "docs/viewer.md says what a page weighs"
     assert page.evaluate("window.shifted") <= 0.05
-    assert all(address.startswith((site, "data:", "blob:")) for address in asked)
+    if path.startswith("/view"):
+        return  # what is in the scene's frame is viser's; the panel is looked at in test_viewer_hands.py
+    for scheme in ("light", "dark"):
+        page.emulate_media(color_scheme=scheme)
+        assert barriers(page) == []
 
 
+def weights() -> dict[str, tuple[int, int]]:
+    """The table of docs/viewer.md: by path, how often a page asks at most, and how many bytes come at most."""
+    text = (ROOT / "docs" / "viewer.md").read_text()
+    rows = re.findall(r"^\| `(/.*?)` \| (\d+) \| (\d+) kB \|", text, re.MULTILINE)
+    return {path: (int(most), 1000 * int(kb)) for path, most, kb in rows}
+
+
+WEIGHTS = weights()
 _WATCH_SHIFTS = """
 window.shifted = 0;
 new PerformanceObserver((list) => {
@@ -323,6 +374,7 @@ def test_with_keys_one_signs_in_and_out(server: StartServer, page: Page) -> None
 
     page.goto(f"{process.url}/?welcome=1")
     expect(page).to_have_url(f"{process.url}/login?next=%2F%3Fwelcome%3D1")
+    assert barriers(page) == []
     for wrong, problem in (("tm_wrong", "not known here"), (keys["robot"], "robot's key")):
         page.get_by_label("Key").fill(wrong)
         page.get_by_role("button", name="Sign in").click()

@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import httpx
-import numpy as np
 import pytest
 
-from tests.api.house import ARROW, arrow
 from tests.support.databases import PostgresDatabases
+from tests.support.filling import fill
 from tests.support.fleet import RESTLESS, dice, fleet_at_work
 from tests.support.here import command
 from tests.support.postgres import Postgres
@@ -26,8 +25,7 @@ from tests.support.waiting import WAIT_S, until
 QUIET = {"TIDEMAP_VIEWER": "false", "TIDEMAP_UPDATER": "false"}
 KILLS = 5
 MAX_KILL_S = 1.0
-GRID = {"frame": "map", "origin": [0, 0, 0], "resolution_m": 0.1, "shape": [100, 100, 20]}
-CELLS, LOOKS = 200_000, 10
+LAB, MEASUREMENTS = (100, 100, 20), 2_000_000
 BEGUN = 0.15
 """Progress of an update that has stored some of its chunks."""
 Sites = Callable[[str], Site]
@@ -53,18 +51,6 @@ def wait_for_election(server: ServerProcess) -> None:
     print(f"elected after {time.monotonic() - began:.2f} s")
 
 
-def fill_lab(site: Site) -> None:
-    """Give it some seconds of work."""
-    cells = np.arange(CELLS, dtype=np.uint32)
-    form = {"name": "lab", "kind": "grid3d", "interval_s": 60, "estimator": "fft", "order": 3, "grid": GRID}
-    assert site.http.post("/locations", json=form).status_code == 201
-    for look in range(LOOKS):
-        state = ((cells // 7 + look) % 3 == 0).astype(np.uint8)
-        body = arrow({"time": np.full(CELLS, 1.7e9 + 60.0 * look), "cell": cells, "state": state})
-        answer = site.http.post("/locations/lab/observations", content=body, headers={"Content-Type": ARROW})
-        assert answer.status_code == 201
-
-
 def job(site: Site, number: int) -> Any:
     return site.http.get(f"/jobs/{number}").json()
 
@@ -80,7 +66,7 @@ def check_published(site: Site, number: int, url: str) -> None:
     done = job(site, number)
     assert (done["state"], done["progress"]) == ("done", 1.0)
     location = site.http.get("/locations/lab").json()
-    assert (location["observations"], location["revision"]) == (CELLS * LOOKS, done["result"]["revision"])
+    assert (location["observations"], location["revision"]) == (MEASUREMENTS, done["result"]["revision"])
     verified = command("verify", "--database-url", url)
     assert verified.returncode == 0, verified.stdout
 
@@ -94,7 +80,7 @@ def two(replica: Sites, url: str) -> tuple[Site, Site]:
 
 def update_begun(site: Site) -> int:
     """The number of an update that takes some seconds and has begun."""
-    fill_lab(site)
+    assert fill(site, "lab", LAB) == MEASUREMENTS
     number: int = site.http.post("/locations/lab/update", json={}).json()["id"]
     until_begun(site, number)
     return number

@@ -8,16 +8,20 @@ import socket
 import sqlite3
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from http.client import HTTPConnection
 
 import httpx
 import numpy as np
 import pytest
+from sqlalchemy import create_engine
 
 from tests.api.house import ARROW, arrow
+from tests.support.databases import PostgresDatabases
+from tests.support.postgres import Postgres
 from tests.support.server import ServerProcess, StartServer
-from tests.support.waiting import WAIT_S
+from tests.support.waiting import WAIT_S, until
 from tidemap.services.verify import verify
 
 CLIENTS = 24
@@ -119,6 +123,29 @@ def test_waiting_for_a_job_ends_when_the_server_stops(running: ServerProcess) ->
         assert running.stop() == 0
         answer = waiting.getresponse()
         assert (answer.status, json.load(answer)["id"]) == (200, job["id"])
+
+
+WAITING = "SELECT count(*) FROM pg_stat_activity WHERE wait_event_type = 'Lock' AND datname = current_database()"
+
+
+def test_a_database_that_hangs_does_not_keep_it_from_stopping(server: StartServer, postgres: Postgres) -> None:
+    with PostgresDatabases(postgres).migrated() as url:
+        hung = server(database_url=url, env={"TIDEMAP_VIEWER": "false", "TIDEMAP_MAX_STOP_S": "2"})
+        engine = create_engine(url)
+        with engine.begin() as connection, api(hung) as http, ThreadPoolExecutor() as pool:
+            connection.exec_driver_sql("LOCK TABLE location")
+            asked = pool.submit(http.post, "/locations", json={"name": "door", "interval_s": 1})
+            # The writer with that, and one of those that work in the background at least.
+            until(lambda: connection.exec_driver_sql(WAITING).scalar_one() >= 3)
+            began = time.monotonic()
+            assert hung.stop() == 1
+            assert time.monotonic() - began < WAIT_S
+            assert isinstance(asked.exception(), httpx.TransportError)
+        engine.dispose()
+    last = hung.output(1)
+    assert "did not end within 2 s" in last
+    assert all(name in last for name in ("writer", "compactor"))
+    assert "Traceback" not in hung.output()
 
 
 GRID = {"frame": "map", "origin": [0, 0, 0], "resolution_m": 0.1, "shape": [100, 100, 20]}

@@ -55,7 +55,7 @@ def time_of(page: Page) -> Any:
 def test_marks_are_clicked_where_they_are_drawn_and_land_on_their_moment(yard: Yard, page: Page) -> None:
     viewer = Viewer.open(page, yard.url, "yard", MORNING)
     page.get_by_role("button", name="All").click()
-    line = page.locator(".timeline canvas").bounding_box()
+    line = page.locator(".timeline .covered").bounding_box()
     assert line is not None
     span = page.evaluate("[document.querySelector('#time').min, document.querySelector('#time').max].map(Number)")
     for start in yard.starts:

@@ -141,6 +141,8 @@ def test_a_long_ray_is_cut_hits_nothing_and_leaves_out_its_last_cell() -> None:
     assert line(9.5, max_range_m=0.25) == {}
     assert line(1e9) == dict.fromkeys(range(10), 0)
     assert line(1e9, max_range_m=50.0) == dict.fromkeys(range(10), 0)
+    assert line(3e38, max_range_m=2.25) == {0: 0, 1: 0}, "however far its end is said to be"
+    assert line(3e38) == {}
 
 
 def test_a_cut_ray_goes_no_further_along_a_slope() -> None:

@@ -4,7 +4,7 @@ import json
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -18,8 +18,9 @@ JOINED = "this process runs tasks of the Dask cluster"
 class Cluster:
     """A scheduler on a free port of the loopback address, with its files in `folder`."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, scheduler_env: Mapping[str, str] | None = None) -> None:
         self._folder = folder
+        self._scheduler_env = dict(scheduler_env or {})
         self._file = folder / "scheduler.json"
         self._stack = ExitStack()
         self._n_workers = 0
@@ -31,10 +32,9 @@ class Cluster:
         self._file.unlink(missing_ok=True)
         words = ["--host", "127.0.0.1", "--port", str(self._port), "--no-dashboard", "--no-show"]
         command = [sys.executable, "-m", "distributed.cli.dask_scheduler", *words, "--scheduler-file", str(self._file)]
+        env = clean_environment() | self._scheduler_env
         with (self._folder / "scheduler.log").open("ab") as log:
-            self._scheduler = subprocess.Popen(
-                command, cwd=self._folder, env=clean_environment(), stdout=log, stderr=log
-            )
+            self._scheduler = subprocess.Popen(command, cwd=self._folder, env=env, stdout=log, stderr=log)
         until(lambda: self._scheduler.poll() is not None or self._written())
         assert self._scheduler.poll() is None, _text(self._folder / "scheduler.log")
         self.address: str = json.loads(self._file.read_text())["address"]
@@ -54,12 +54,17 @@ class Cluster:
         """What a process of this cluster has in its environment."""
         return {"TIDEMAP_DASK_SCHEDULER": self.address}
 
-    def worker(self, database_url: str) -> Forked:
+    @property
+    def pid(self) -> int:
+        """The scheduler's."""
+        return self._scheduler.pid
+
+    def worker(self, database_url: str, env: Mapping[str, str] | None = None) -> Forked:
         """Start a worker, and wait until it has joined."""
         self._n_workers += 1
         log = self._folder / f"worker-{self._n_workers}.log"
         words = ["worker", "--database-url", database_url]
-        process = Forked(words, clean_environment() | self.env, log)
+        process = Forked(words, clean_environment() | self.env | dict(env or {}), log)
         self._stack.callback(_end, process)
         until(lambda: process.poll() is not None or JOINED in _text(log))
         assert process.poll() is None, _text(log)
@@ -78,9 +83,9 @@ class Cluster:
 
 
 @contextmanager
-def running_cluster(folder: Path) -> Iterator[Cluster]:
+def running_cluster(folder: Path, scheduler_env: Mapping[str, str] | None = None) -> Iterator[Cluster]:
     """A cluster without workers yet, gone afterwards."""
-    cluster = Cluster(folder)
+    cluster = Cluster(folder, scheduler_env)
     try:
         yield cluster
     finally:

@@ -17,14 +17,16 @@ from tidemap.client import Client, Queued, RetryPolicy, TidemapError
 
 WITH_OUTBOX = 16
 WITHOUT_OUTBOX = 2
-BACKLOG = 5
+BACKLOG = 3
 """Batches that a robot lets wait in its outbox before it observes more."""
-AGAIN_S = 0.02
+AGAIN_S = 0.1
+PAUSE_S = 0.02
+"""Between two posts of one without an outbox: a kill finds posts under way, and the machine does other work too."""
 EAGER = RetryPolicy(first_s=0.05, max_s=0.2)
 ONCE = RetryPolicy(tries=1)
 RESTLESS = {
     "TIDEMAP_VIEWER": "false",
-    "TIDEMAP_UPDATER_INTERVAL_S": "0.05",
+    "TIDEMAP_UPDATER_INTERVAL_S": "0.2",
     "TIDEMAP_UPDATE_REST_S": "0",
     "TIDEMAP_UPDATE_GROWTH": "0.01",
 }
@@ -34,14 +36,15 @@ RESTLESS = {
 class OutboxRobot:
     """Keeps what it sees in an outbox; every fifth observation twice, with the same key."""
 
-    def __init__(self, number: int, client: Client[Queued]) -> None:
+    def __init__(self, number: int, client: Client[Queued], pause_s: float) -> None:
         self.number = number
         self.client = client
+        self.pause_s = pause_s
         self.kept: list[Sighting] = []
 
     def run(self, stop: threading.Event) -> None:
-        """Observe as fast as the outbox is emptied."""
-        while not stop.wait(AGAIN_S):
+        """Fill the outbox, and again after every pause."""
+        while not stop.wait(self.pause_s):
             while self.client.outbox.pending.batches < BACKLOG and not stop.is_set():
                 self._observe(Sighting(self.number, len(self.kept)))
 
@@ -55,16 +58,17 @@ class OutboxRobot:
 class DirectRobot:
     """Posts without an outbox, each observation as often as it takes to hear that it is stored, with the same key."""
 
-    def __init__(self, number: int, client: Client[Any]) -> None:
+    def __init__(self, number: int, client: Client[Any], pause_s: float) -> None:
         self.number = number
         self.client = client
+        self.pause_s = pause_s
         self.kept: list[Sighting] = []
         self.failures: list[int] = []
         """HTTP status of every try that failed, 0 where nobody answered."""
 
     def run(self, stop: threading.Event) -> None:
         """Post one after the other; of the last it may not have heard."""
-        while not stop.is_set():
+        while not stop.wait(self.pause_s):
             sighting = Sighting(self.number, len(self.kept))
             try:
                 sighting.post(self.client, f"{sighting}")
@@ -118,21 +122,28 @@ class Fleet:
 
 
 @contextmanager
-def fleet_at_work(folder: Path, *urls: str) -> Iterator[Fleet]:
-    """Robots at work until the end of the block, each on one of the servers; then all that they kept is delivered."""
+def fleet_at_work(
+    folder: Path, *urls: str, outboxes: int = WITH_OUTBOX, direct: int = WITHOUT_OUTBOX, pause_s: float = PAUSE_S
+) -> Iterator[Fleet]:
+    """Robots at work until the end of the block, each on one of the servers; then all that they kept is delivered.
+
+    pause_s: how long each rests between posts, or between those that its outbox holds; by default hardly.
+    """
     with ExitStack() as stack:
         stop = threading.Event()
         fleet = Fleet(
             [
-                OutboxRobot(n, stack.enter_context(Client(url, outbox=folder / f"{n}.db", retry=EAGER)))
-                for n, url in zip(range(WITH_OUTBOX), cycle(urls), strict=False)
+                OutboxRobot(
+                    n, stack.enter_context(Client(url, outbox=folder / f"{n}.db", retry=EAGER)), max(pause_s, AGAIN_S)
+                )
+                for n, url in zip(range(outboxes), cycle(urls), strict=False)
             ],
             [
-                DirectRobot(WITH_OUTBOX + n, stack.enter_context(Client(url, retry=ONCE)))
-                for n, url in zip(range(WITHOUT_OUTBOX), cycle(urls), strict=False)
+                DirectRobot(outboxes + n, stack.enter_context(Client(url, retry=ONCE)), pause_s)
+                for n, url in zip(range(direct), cycle(urls), strict=False)
             ],
         )
-        pool = stack.enter_context(ThreadPoolExecutor(WITH_OUTBOX + WITHOUT_OUTBOX))
+        pool = stack.enter_context(ThreadPoolExecutor(outboxes + direct))
         running = [pool.submit(robot.run, stop) for robot in fleet.robots]
         try:
             yield fleet

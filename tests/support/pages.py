@@ -2,7 +2,9 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from typing import Any
 
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Page
@@ -12,6 +14,19 @@ from tests.support.viewer import post
 START = datetime(2026, 3, 2, tzinfo=UTC)
 DAYS = 14
 SERIOUS = {"moderate", "serious", "critical"}
+PAGES = (
+    "/",
+    "/anomalies",
+    "/new",
+    "/locations/office-door",
+    "/locations/lab?cell=121",
+    "/view/?location=lab",
+    "/api/docs",
+    "/nowhere",
+)
+"""Every kind of page, of a server with a door and a lab."""
+VIEWER = "/view/scene/"
+"""What viser serves: its own client, some megabytes, which browsers keep."""
 
 
 def make_door(url: str, name: str) -> None:
@@ -30,13 +45,46 @@ def make_door(url: str, name: str) -> None:
 
 
 @contextmanager
-def no_complaints(page: Page) -> Iterator[None]:
-    """The browser has nothing to complain about meanwhile, such as breaches of the content security policy."""
+def no_complaints(page: Page, but: str | None = None) -> Iterator[None]:
+    """The browser has nothing to complain about meanwhile, such as breaches of the content security policy.
+
+    `but`: of what holds this text.
+    """
     said: list[str] = []
     page.on("console", lambda message: said.append(message.text) if message.type == "error" else None)
     page.on("pageerror", lambda error: said.append(str(error)))
     yield
-    assert said == []
+    assert [each for each in said if but is None or but not in each] == []
+
+
+@dataclass
+class Load:
+    """What a page asked for: addresses, and bytes on the wire without those of viser's own client."""
+
+    asked: list[str]
+    n_bytes: int
+
+
+@contextmanager
+def loading(page: Page) -> Iterator[Load]:
+    """Notes what a page asks for meanwhile, with the frames in it, until the network is quiet."""
+    load = Load([], 0)
+    addresses: dict[str, str] = {}
+    session = page.context.new_cdp_session(page)
+    session.send("Network.enable")
+
+    def ask(event: dict[str, Any]) -> None:
+        addresses[event["requestId"]] = event["request"]["url"]
+        load.asked.append(event["request"]["url"])
+
+    def end(event: dict[str, Any]) -> None:
+        if VIEWER not in addresses.get(event["requestId"], ""):
+            load.n_bytes += event["encodedDataLength"]
+
+    session.on("Network.requestWillBeSent", ask)
+    session.on("Network.loadingFinished", end)
+    yield load
+    page.wait_for_load_state("networkidle")
 
 
 def barriers(page: Page) -> list[str]:

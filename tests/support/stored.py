@@ -44,6 +44,7 @@ def _log(database_url: str) -> Counter[Sighting]:
     """How often each is in the log of observations."""
     columns = (observation.c.first_time, observation.c.last_time, observation.c.source, observation.c.measurements)
     query = select(location.c.name, *columns).join(location, location.c.id == observation.c.location_id)
+    query = query.where(location.c.name.in_(LOCATIONS))
     engine = open_reader(database_url)
     with engine.connect() as connection:
         rows = connection.execute(query).all()

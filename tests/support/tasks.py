@@ -1,6 +1,7 @@
 """Tasks for executors, in a module that other processes can load."""
 
 import os
+import signal
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,6 +30,12 @@ def hold(_: Context, task: Held) -> int:
 def negate(_: Context, number: int) -> int:
     """The other one."""
     return -number
+
+
+def die(_: Context, number: int) -> int:
+    """It takes its process along."""
+    os.kill(os.getpid(), signal.SIGKILL)
+    return number
 
 
 def refuse(_: Context, error: Exception) -> None:

@@ -1,11 +1,10 @@
-"""Who asks, and may they: bearer keys and browser sessions, pages of other sites, too many requests."""
+"""Who asks, and may they: bearer keys and browser sessions, too many requests."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Coroutine, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
-from urllib.parse import urlsplit
 
 from fastapi import Request
 from sqlalchemy.exc import SQLAlchemyError
@@ -13,6 +12,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import HTTPConnection
 
 from tidemap.api.limits import Limits, Senders
+from tidemap.api.origins import refuse_other_sites, refuse_strangers
 from tidemap.api.scopes import check_scope
 from tidemap.api.state import state_of
 from tidemap.errors import DomainError, ForbiddenError, KeyChangedError, OtherSiteError, UnauthorizedError
@@ -37,7 +37,6 @@ RECHECK_S = 2.0
 SHARED_S = 1.0
 """How old a check of a key may be that sockets share."""
 ENDED = (4401, "the key or session has ended; sign in again")
-READING = frozenset({"GET", "HEAD", "OPTIONS"})
 
 
 def authenticate(connection: HTTPConnection) -> Principal:
@@ -52,6 +51,18 @@ def authenticate(connection: HTTPConnection) -> Principal:
     _count(connection, principal)
     connection.state.principal = principal
     return principal
+
+
+def readmit(connection: HTTPConnection, principal: Principal) -> None:
+    """Count a request of somebody whom `authenticate` has found before, and of whom nothing stored has changed since.
+
+    Raises UnauthorizedError where the key has expired, OtherSiteError, RateLimitError.
+    """
+    if _is_over(connection, principal):
+        raise UnauthorizedError("This key has expired. Ask an admin for a new one.")
+    if principal.key_id is None:
+        refuse_strangers(connection)
+    _count(connection, principal)
 
 
 def require(role: Role) -> Callable[[Request], Principal]:
@@ -100,7 +111,7 @@ async def until_ended(connection: HTTPConnection) -> None:
 async def _shared_check(connection: HTTPConnection) -> Principal:
     """As `_look_up`, once for all sockets that were opened with the same key or session."""
     key_checks = state_of(connection).key_checks
-    sent = _bearer(connection), connection.cookies.get(COOKIE)
+    sent = bearer(connection), connection.cookies.get(COOKIE)
     if (task := key_checks.get(sent)) is None:
         task = key_checks[sent] = asyncio.create_task(run_in_threadpool(_look_up, connection))
         # The socket that asked may be closed when it fails.
@@ -112,15 +123,15 @@ async def _shared_check(connection: HTTPConnection) -> Principal:
 def _look_up(connection: HTTPConnection) -> Principal:
     """Who holds what a connection sent, as it is now; not counted. Raises UnauthorizedError."""
     ctx = state_of(connection).ctx
-    secret = _bearer(connection)
+    secret = bearer(connection)
     if secret is not None:
         return by_secret(ctx, secret)
     return OPEN if is_open(ctx) else by_session(ctx, connection.cookies.get(COOKIE, ""))
 
 
-def _is_over(request: Request, principal: Principal) -> bool:
+def _is_over(connection: HTTPConnection, principal: Principal) -> bool:
     """Whether a key has expired."""
-    ctx: Context = state_of(request).ctx
+    ctx: Context = state_of(connection).ctx
     return principal.expires_at is not None and principal.expires_at <= ctx.clock()
 
 
@@ -155,7 +166,7 @@ def require_sender(role: Role) -> Callable[[Request], Coroutine[Any, Any, Admiss
     """
 
     async def check(request: Request) -> Admission:
-        secret = _bearer(request)
+        secret = bearer(request)
         digest = None if secret is None else digest_of(secret)
         claim = None if digest is None and COOKIE in request.cookies else _senders(request).get(digest)
         if claim is None or _is_over(request, claim.principal):
@@ -166,7 +177,7 @@ def require_sender(role: Role) -> Callable[[Request], Coroutine[Any, Any, Admiss
         else:
             principal = claim.principal
             if digest is None:
-                _refuse_strangers(request)
+                refuse_strangers(request)
             _count(request, principal)
         _check_role(principal, role)
         check_scope(request, principal)
@@ -212,30 +223,14 @@ def counting_wrong_keys(connection: HTTPConnection, secret: str) -> Iterator[Non
     limits.right_keys.add(secret)
 
 
-def refuse_other_sites(connection: HTTPConnection) -> None:
-    """Refuse what a page of another site does in some browser: its user did not ask for it. Raises OtherSiteError.
-
-    A browser names the site of the page with every request that may change something, and with every socket.
-    """
-    origin = connection.headers.get("origin")
-    if origin is None or connection.scope.get("method") in READING:
-        return
-    if _part(origin, "netloc") != connection.headers.get("host"):
-        host = connection.headers.get("host")
-        raise OtherSiteError(
-            f"A page at {origin} may do nothing at {host}. Programs send a key, and no Origin. If both are the same "
-            "site, the proxy between has to pass the Host header on."
-        )
-
-
 def _principal(connection: HTTPConnection) -> Principal:
     ctx: Context = state_of(connection).ctx
-    secret = _bearer(connection)
+    secret = bearer(connection)
     if secret is not None:
         with counting_wrong_keys(connection, secret):
             return by_secret(ctx, secret)
     if is_open(ctx):
-        _refuse_strangers(connection)
+        refuse_strangers(connection)
         return OPEN
     if COOKIE in connection.cookies:
         refuse_other_sites(connection)
@@ -245,38 +240,10 @@ def _principal(connection: HTTPConnection) -> Principal:
     raise UnauthorizedError("Send a key: 'Authorization: Bearer tm_…'. An admin makes keys with 'tidemap keys create'.")
 
 
-def _bearer(connection: HTTPConnection) -> str | None:
+def bearer(connection: HTTPConnection) -> str | None:
     """The secret that is sent as a header, None without one."""
     scheme, _, secret = connection.headers.get("authorization", "").partition(" ")
     return secret.strip() if secret and scheme.lower() == "bearer" else None
-
-
-def _refuse_strangers(connection: HTTPConnection) -> None:
-    """What pages of other sites do on an open server. Raises OtherSiteError."""
-    _refuse_other_hosts(connection)
-    refuse_other_sites(connection)
-
-
-def _refuse_other_hosts(connection: HTTPConnection) -> None:
-    """Where only this machine reaches an open server, a page of another site may have its name lead here instead.
-
-    Raises OtherSiteError.
-    """
-    settings, host = _settings(connection), connection.headers.get("host")
-    if settings.open or not is_loopback(settings.host) or host is None or is_loopback(_part(f"//{host}", "hostname")):
-        return
-    raise OtherSiteError(
-        f"While no key exists this server answers to localhost and 127.0.0.1 only, and it was asked as {host!r}. "
-        "Use one of these names, or make a key with 'tidemap keys create'."
-    )
-
-
-def _part(url: str, name: str) -> str:
-    """A part of a URL; empty where there is none."""
-    try:
-        return getattr(urlsplit(url), name) or ""
-    except ValueError:
-        return ""
 
 
 def _address(connection: HTTPConnection) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from fastapi import Request
 from numpy.typing import NDArray
+from starlette.datastructures import Headers
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
@@ -22,6 +23,7 @@ from tidemap.history.history import UNOBSERVED
 from tidemap.media_types import ARROW, JSON, NPY
 from tidemap.schemas.common import iso
 from tidemap.services.context import Context
+from tidemap.services.density import Density
 from tidemap.services.information import InformationView
 from tidemap.services.predict import PredictionView
 from tidemap.services.series import SeriesView
@@ -44,13 +46,22 @@ def preferred(request: Request, offered: tuple[str, ...]) -> str:
 def with_etag(request: Request, key: tuple[object, ...], respond: Callable[[], Response]) -> Response:
     """304 when the asker holds this version already, else the response with its ETag."""
     etag = '"' + hashlib.sha256(repr(key).encode()).hexdigest()[:32] + '"'
-    headers = {"ETag": etag, "Cache-Control": "private, no-cache", "Vary": "Accept, Authorization, Cookie"}
-    known = [each.strip().removeprefix("W/") for each in request.headers.get("if-none-match", "").split(",")]
-    if etag in known:
+    headers = etag_headers(etag)
+    if holds(request.headers, etag):
         return Response(status_code=304, headers=headers)
     response = respond()
     response.headers.update(headers)
     return response
+
+
+def holds(headers: Headers, etag: str) -> bool:
+    """Whether an asker holds this version, as the request's headers say."""
+    return etag in (each.strip().removeprefix("W/") for each in headers.get("if-none-match", "").split(","))
+
+
+def etag_headers(etag: str) -> dict[str, str]:
+    """What an answer of this version says, and one without it."""
+    return {"ETag": etag, "Cache-Control": "private, no-cache", "Vary": "Accept, Authorization, Cookie"}
 
 
 class Parts(Response):
@@ -181,6 +192,19 @@ def encode_series(view: SeriesView) -> Response:
         "state": _states(view.state),
         "observed": _states(view.observed),
         "revision": view.revision,
+    }
+    return Parts(json_columns.write(content), JSON)
+
+
+def encode_density(found: Density) -> Response:
+    """How much was observed when."""
+    content = {
+        "time": found.time,
+        "step_s": found.step_s,
+        "step_samples": found.step_samples,
+        "measurements": found.measurements,
+        "samples": found.samples,
+        "cells": found.n_counted,
     }
     return Parts(json_columns.write(content), JSON)
 

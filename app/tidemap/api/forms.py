@@ -16,7 +16,7 @@ from tidemap.media_types import JSON
 from tidemap.schemas.common import Form
 
 Filled = TypeVar("Filled", bound=Form)
-COLUMN_COST = 24
+COLUMN_COST = 32
 """Bytes of memory that each byte of such a form takes at most; its own included."""
 
 
@@ -58,13 +58,13 @@ def _values(content: bytes, form: type[Form]) -> Any:
 
 
 def _value(text: bytes, field: str) -> Any:
-    """A field's value; a long one is a list of numbers or times."""
+    """A field's value; a long one is a list of numbers, times or indices."""
     if len(text) <= PIECE_BYTES:
         return parsed(text)
     values: list[Any] = []
     for part in list_parts(text, field):
         for i, value in enumerate(part):
-            if isinstance(value, dict | list):
+            if isinstance(value, dict):
                 raise InvalidInputError.at(f"{field}[{len(values) + i}]", "give numbers or times")
         values += part
     return values

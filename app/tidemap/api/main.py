@@ -31,6 +31,7 @@ from tidemap.api.routers import (
     webhooks,
 )
 from tidemap.api.state import AppState
+from tidemap.api.unchanged import Unchanged, hear_of_changes
 from tidemap.services.context import Context
 from tidemap.version import __version__
 
@@ -71,10 +72,11 @@ def create_app(
         redoc_url=None,
         license_info={"name": "BSD-3-Clause", "identifier": "BSD-3-Clause"},
     )
-    metrics = make_registry(ctx, is_leader)
+    alive, changes = alive or {}, ctx.store.changes
+    metrics = make_registry(ctx, is_leader, alive)
     app.state.tidemap = AppState(
         ctx=ctx,
-        alive=alive or {},
+        alive=alive,
         budget=Budget(ctx.settings.max_parsing_bytes),
         limits=Limits.of(ctx.settings),
         senders=Senders(),
@@ -85,6 +87,8 @@ def create_app(
     )
     app.add_middleware(AnswerCompression)
     app.add_middleware(Privacy)
+    hear_of_changes(ctx.bus, changes)
+    app.add_middleware(Unchanged, changes=changes, hears=alive.get("relay", lambda: False))
     app.add_middleware(RequestMetrics, registry=metrics)
     if ctx.settings.cors_origins:
         app.add_middleware(CORSMiddleware, allow_origins=ctx.settings.cors_origins, **CROSS_ORIGIN)

@@ -1,7 +1,7 @@
 """Metrics that count what happens: requests by route and status, messages, commits, jobs, and who listens."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from http import HTTPMethod
 
@@ -38,8 +38,10 @@ STREAMED = EVENT_STREAM.encode()
 """Answers without end: how long they took says nothing."""
 
 
-def make_registry(ctx: Context, is_leader: Callable[[], bool] = lambda: False) -> CollectorRegistry:
-    """A registry fed by the bus; `is_leader` says whether this process does the background work."""
+def make_registry(
+    ctx: Context, is_leader: Callable[[], bool] = lambda: False, alive: Mapping[str, Callable[[], bool]] | None = None
+) -> CollectorRegistry:
+    """A registry fed by the bus; `is_leader` says whether this process does the background work, `alive` what runs."""
     registry = CollectorRegistry()
     ProcessCollector(registry=registry)
     PlatformCollector(registry=registry)
@@ -47,6 +49,9 @@ def make_registry(ctx: Context, is_leader: Callable[[], bool] = lambda: False) -
     registry.register(ContextCollector(ctx))
     leads = Gauge("tidemap_background", "1 where the background work of the database is done.", registry=registry)
     leads.set_function(is_leader)
+    up = Gauge("tidemap_worker_up", "1 where a part that runs in the background does.", ["worker"], registry=registry)
+    for name, check in (alive or {}).items():
+        up.labels(name).set_function(check)
     commits = Histogram("tidemap_commit_seconds", "Time that a group of writes took to be durable.", registry=registry)
     ctx.store.on_commit(commits.observe)
     _count_messages(ctx, registry)

@@ -47,6 +47,7 @@ OPERATION_IDS = {
     ("get", f"{_HERE}/state"): "get_state",
     ("post", f"{_HERE}/predict"): "predict",
     ("get", f"{_HERE}/series"): "get_series",
+    ("get", f"{_HERE}/density"): "get_density",
     ("get", f"{_HERE}/information"): "get_information",
     ("get", f"{_HERE}/model"): "get_model",
     ("post", f"{_HERE}/evaluate"): "evaluate",
@@ -83,10 +84,19 @@ OPERATION_IDS = {
     ("get", "/readyz"): "get_readiness",
     ("get", "/metrics"): "get_metrics",
 }
-WITH_ETAG = {("get", f"{_HERE}/state"), ("get", "/anomalies"), ("get", f"{_HERE}/anomalies")}
+WITH_ETAG = {
+    ("get", f"{_HERE}/state"),
+    ("get", f"{_HERE}/density"),
+    ("get", "/anomalies"),
+    ("get", f"{_HERE}/anomalies"),
+}
 HEADERS: dict[tuple[str, str], dict[str, tuple[tuple[str, ...], str]]] = {
     ("post", "/locations"): {"Location": (("201",), "The address of the location.")},
     ("post", f"{_HERE}/update"): {"Location": (("200", "202"), "The address of the job.")},
+    ("get", f"{_HERE}/series"): {
+        "Content-Disposition": (("200",), "The name of the file, of a table of CSV."),
+        "Tidemap-Revision": (("200",), "The revision that a table of CSV is of."),
+    },
     ("get", f"{_HERE}/state"): {"Tidemap-Revision": (("200",), "The revision that the answer is of.")},
 }
 """By operation: headers of an answer, with the statuses that have them."""

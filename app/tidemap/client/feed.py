@@ -16,7 +16,7 @@ from tidemap.client.retry import REFUSED, RetryPolicy
 from tidemap.client.transport import Server
 from tidemap.schemas.common import parse_time
 
-MessageKind: TypeAlias = Literal["observation", "anomaly", "update", "job", "location"]
+MessageKind: TypeAlias = Literal["observation", "anomaly", "update", "job", "location", "attention"]
 BROKEN = (WebSocketException, OSError)
 """What a WebSocket may break with."""
 POLICY = 1008

@@ -25,7 +25,7 @@ from tidemap.client.ros import is_occupancy_grid
 from tidemap.client.times import TimeLike, TimesLike, unix
 from tidemap.media_types import JSON, MULTIPART, NPY
 from tidemap.schemas.observations import Accepted
-from tidemap.schemas.ros import map_percent
+from tidemap.schemas.ros import map_percent, percentages
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,10 +144,10 @@ def whole(path: str, time: TimeLike, states: Any, *, source: str | None = None, 
 
 def occupancy(path: str, time: TimeLike, grid: Any, *, source: str | None = None, key: str | None = None) -> GridPost:
     """A map in ROS's layout for the location at `path`: (ny, nx), 0 to 100 percent, -1 unknown. Raises ValueError."""
-    percent = np.asarray(map_percent(grid) if is_occupancy_grid(grid) else grid)
-    if percent.dtype.kind not in "iu" or percent.ndim != 2 or not ((percent >= -1) & (percent <= 100)).all():
-        raise ValueError("in layout 'ros' a map is an array (ny, nx) of whole numbers, 0 to 100 percent or -1")
-    return GridPost(path, unix(time), percent.astype(np.int8), source, key or uuid.uuid4().hex, "ros")
+    percent = map_percent(grid) if is_occupancy_grid(grid) else percentages(np.asarray(grid))
+    if percent.ndim != 2:
+        raise ValueError(f"in layout 'ros' a map is an array (ny, nx); this has the shape {percent.shape}")
+    return GridPost(path, unix(time), percent, source, key or uuid.uuid4().hex, "ros")
 
 
 def sighting(

@@ -11,7 +11,15 @@ from tidemap.demo.robot import INTERVAL_S
 from tidemap.schemas.locations import Grid, Location
 
 BUILDING = "building"
-LOCATIONS = ("main-door", "office-door", "office-occupied", "lab-occupied", "meeting-room")
+POSITIONS = {
+    "main-door": (0.1, 4.1, 2.7),
+    "office-door": (5.7, 3.3, 2.7),
+    "office-occupied": (3.5, 1.7, 2.7),
+    "lab-occupied": (3.9, 6.3, 2.7),
+    "meeting-room": (9.4, 1.7, 2.7),
+}
+"""Where doors and rooms stand in the building, in metres: above their walls, so that they are seen."""
+LOCATIONS = tuple(POSITIONS)
 CONFLICT = 409
 MIN_CELLS = 4
 NO_EVENTS = math.prod(SHAPE)
@@ -27,7 +35,10 @@ FORMS: dict[str, dict[str, Any]] = {
         "confidence": 0.97,
         "min_cells": NO_EVENTS,
     }
-} | {name: USUAL | {"kind": "state", "confidence": 0.95} for name in LOCATIONS}
+} | {
+    name: USUAL | {"kind": "state", "confidence": 0.95, "pose": {"frame": "map", "position": position}}
+    for name, position in POSITIONS.items()
+}
 _FIXED = ("kind", "interval_s", "epoch", "grid")
 
 

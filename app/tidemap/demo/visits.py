@@ -63,7 +63,8 @@ class Visitor:
     def visit(self, area: Area, time: float) -> Visit | None:
         """What is measured in an area; None when the robot is elsewhere. About 5 ms."""
         key = (self.world.seed, area.number, int(time))
-        if draw(*key, _MISSED) < MISSED:
+        person = self.person(area, time)
+        if person is None:
             return None
         walks = self._walks(area, time)
         camera, laser = self._stand(area, CAMERA_M, *key), self._stand(area, LASER_M, *key)
@@ -72,8 +73,14 @@ class Visitor:
             time,
             self._scan(CAMERA, area, time, camera, walks, _CAMERA),
             self._scan(LASER, area, time, laser, walks, _LASER),
-            self._sees_person(area, time, walks),
+            person,
         )
+
+    def person(self, area: Area, time: float) -> bool | None:
+        """Whether a person is seen in an area; None when the robot is elsewhere. Without the scans of a visit."""
+        if draw(self.world.seed, area.number, int(time), _MISSED) < MISSED:
+            return None
+        return self._sees_person(area, time, self._walks(area, time))
 
     def _walks(self, area: Area, time: float) -> bool:
         return draw(self.world.seed, area.number, int(time), _WALKS) < area.passes(moment(time))

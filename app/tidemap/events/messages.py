@@ -9,14 +9,18 @@ import orjson
 
 from tidemap.schemas.common import iso
 
-Kind = Literal["observation", "anomaly", "update", "job", "location"]
+Kind = Literal["observation", "anomaly", "update", "job", "location", "attention"]
+Attention = Literal["acknowledged", "snoozed", "muted", "unmuted"]
+"""What somebody said of who is to hear of what: the `change` of a message of kind `attention`."""
 TIMES = ("start", "stop", "acknowledged_at", "snoozed_until")
 """What is written as ISO 8601 of the data."""
 
 
 @dataclass(frozen=True)
 class EventMessage:
-    """Something happened at a location. `id` numbers observations, anomalies, revisions, jobs or locations.
+    """Something happened at a location. `id` numbers observations, anomalies, revisions, jobs, locations or mutes.
+
+    Of a mute `location` is a pattern, as a scope has them.
 
     `data` adds to it: plain values, those of TIMES in Unix seconds.
     """

@@ -39,11 +39,17 @@ class EventFilter:
 
     def wants(self, message: EventMessage) -> bool:
         """Whether this message is among them."""
-        return (
-            message.kind in self.kinds
-            and self.location in (None, message.location)
-            and self.scope.holds(message.location)
+        return message.kind in self.kinds and (
+            self._wants_pattern(message.location) if message.location.endswith("*") else self._wants(message.location)
         )
+
+    def _wants(self, location: str) -> bool:
+        return self.location in (None, location) and self.scope.holds(location)
+
+    def _wants_pattern(self, pattern: str) -> bool:
+        """Whether what concerns all that the pattern holds concerns something that is wanted."""
+        concerned = Scope((pattern,))
+        return self.scope.touches(concerned) and (self.location is None or concerned.holds(self.location))
 
     @property
     def resumes(self) -> bool:

@@ -24,15 +24,29 @@ def read(content: bytes, wanted: Sequence[str]) -> Mapping[str, list[str]]:
     except UnicodeDecodeError as error:
         raise unreadable(f"byte {error.start} is no UTF-8") from None
     lines = io.StringIO(text, newline="")
-    head = lines.readline().rstrip("\r\n")
-    delimiter = _delimiter(head)
-    names = [name.strip() for name in head.split(delimiter)]
+    delimiter = _delimiter(lines.readline())
+    lines.seek(0)
+    rows = csv.reader(lines, delimiter=delimiter)
+    names = _names(rows)
     if missing := [name for name in wanted if names.count(name) != 1]:
         raise unreadable(
             f"it has no column {missing[0]!r}, or several; its columns are {', '.join(names)[:200]!r}. "
             "Add it, or name the right one"
         )
-    return _columns(csv.reader(lines, delimiter=delimiter), names, wanted)
+    return _columns(rows, names, wanted)
+
+
+def write(columns: Mapping[str, Sequence[object]]) -> bytes:
+    """A table with the names of equally long columns in its first line; None is an empty field.
+
+    >>> write({"time_s": [0.5, 60.0], "note": ["a, b", None]})
+    b'time_s,note\\n0.5,"a, b"\\n60.0,\\n'
+    """
+    text = io.StringIO(newline="")
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(columns)
+    table.writerows(zip(*columns.values(), strict=True))
+    return text.getvalue().encode()
 
 
 def times(texts: Sequence[str]) -> NDArray[np.float64]:
@@ -75,6 +89,13 @@ def _delimiter(head: str) -> str:
     return next((each for each in DELIMITERS if each in head), ",")
 
 
+def _names(reader: Any) -> list[str]:
+    try:
+        return [name.strip() for name in next(reader, [])]
+    except csv.Error as error:
+        raise unreadable(f"line 1: {error}") from None
+
+
 def _columns(reader: Any, names: list[str], wanted: Sequence[str]) -> Mapping[str, list[str]]:
     at = [names.index(name) for name in wanted]
     found: dict[str, list[str]] = {name: [] for name in wanted}
@@ -83,9 +104,9 @@ def _columns(reader: Any, names: list[str], wanted: Sequence[str]) -> Mapping[st
             if not row:
                 continue
             if len(row) != len(names):
-                raise unreadable(f"line {reader.line_num + 1} has {len(row)} fields, but the first has {len(names)}")
+                raise unreadable(f"line {reader.line_num} has {len(row)} fields, but the first has {len(names)}")
             for name, column in zip(wanted, at, strict=True):
                 found[name].append(row[column])
     except csv.Error as error:
-        raise unreadable(f"line {reader.line_num + 1}: {error}") from None
+        raise unreadable(f"line {reader.line_num}: {error}") from None
     return found

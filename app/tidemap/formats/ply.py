@@ -1,4 +1,4 @@
-"""PLY: the vertices of polygon files, as text and as little-endian binary."""
+"""PLY: the vertices of polygon files, as text and as binary of either order of bytes."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -12,6 +12,8 @@ from tidemap.history.columns import Content
 SHORT = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"}
 SIZED = {"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"}
 TYPES = {**SHORT, **SIZED, "float": "f4", "double": "f8", "float32": "f4", "float64": "f8"}
+ORDERS = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">"}
+"""The formats, each with its order of bytes."""
 MAX_PROPERTIES = 1000
 MAX_OTHERS = 10**12
 """Rows of elements that are no vertices; they are not read."""
@@ -37,7 +39,7 @@ def read(content: Content) -> Points:
     lines, start = head_lines("PLY", content, b"end_header")
     words = [line.split() for line in lines[1:-1] if line.strip()]
     kind = _kind(words)
-    before, vertex, after = _around_vertices(_elements(words))
+    before, vertex, after = _around_vertices(_elements(words, ORDERS[kind]))
     vertex.layout.check()
     if kind == "ascii":
         skip = sum(each.n for each in before)
@@ -54,13 +56,13 @@ def write(points: NDArray[np.float64], probability: NDArray[np.float32]) -> byte
 
 def _kind(words: Iterable[list[str]]) -> str:
     kinds = [line[1:] for line in words if line[0] == "format"]
-    if kinds not in ([["ascii", "1.0"]], [["binary_little_endian", "1.0"]]):
+    if len(kinds) != 1 or kinds[0] not in ([each, "1.0"] for each in ORDERS):
         named = " ".join(kinds[0])[:60] if kinds else "not stated"
-        raise unreadable("PLY", f"its format is {named}; write ascii 1.0 or binary_little_endian 1.0")
+        raise unreadable("PLY", f"its format is {named}; write one of {', '.join(ORDERS)}, version 1.0")
     return kinds[0][0]
 
 
-def _elements(words: Iterable[list[str]]) -> list[PlyElement]:
+def _elements(words: Iterable[list[str]], order: str) -> list[PlyElement]:
     heads: list[list[str]] = []
     properties: list[list[list[str]]] = []
     for line in words:
@@ -73,24 +75,24 @@ def _elements(words: Iterable[list[str]]) -> list[PlyElement]:
             properties[-1].append(line)
         elif line[0] not in ("format", "comment", "obj_info"):
             raise unreadable("PLY", f"its header has a line that begins with {line[0][:40]!r}")
-    return [_element(head, lines) for head, lines in zip(heads, properties, strict=True)]
+    return [_element(head, lines, order) for head, lines in zip(heads, properties, strict=True)]
 
 
-def _element(head: list[str], properties: list[list[str]]) -> PlyElement:
+def _element(head: list[str], properties: list[list[str]], order: str) -> PlyElement:
     if len(head) != 3:
         raise unreadable("PLY", f"{' '.join(head)[:60]!r} is no 'element NAME NUMBER'")
     if len(properties) > MAX_PROPERTIES:
         raise unreadable("PLY", f"an element has {len(properties)} properties; at most {MAX_PROPERTIES} are read")
     n = count_of("PLY", "points", head[2]) if head[1] == "vertex" else count_of("PLY", "rows", head[2], MAX_OTHERS)
     plain = [line for line in properties if line[1:2] != ["list"]]
-    layout = CloudLayout("PLY", tuple(map(_field, plain)))
+    layout = CloudLayout("PLY", tuple(_field(line, order) for line in plain))
     return PlyElement(head[1], n, layout, len(plain) < len(properties))
 
 
-def _field(line: list[str]) -> CloudField:
+def _field(line: list[str], order: str) -> CloudField:
     if len(line) != 3 or line[1] not in TYPES:
         raise unreadable("PLY", f"{' '.join(line)[:60]!r} is no 'property TYPE NAME' of a known type")
-    return CloudField(line[2], np.dtype("<" + TYPES[line[1]]))
+    return CloudField(line[2], np.dtype(order + TYPES[line[1]]))
 
 
 def _around_vertices(elements: list[PlyElement]) -> tuple[list[PlyElement], PlyElement, list[PlyElement]]:

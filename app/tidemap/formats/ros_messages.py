@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tidemap.formats.nav2 import states_of_percentages
 from tidemap.schemas.ros import cloud_points, map_percent
 from tidemap.space.grid import GridGeometry
-from tidemap.space.ranges import RangeLimits, points_of_ranges
+from tidemap.space.ranges import RangeLimits, measured, points_of_ranges
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,9 +43,8 @@ def laser_points(message: Any, max_range_m: float = inf) -> SensorPoints:
 
 
 def finite_points(message: Any, max_range_m: float = inf) -> SensorPoints:
-    """The points of a PointCloud2, without those that are NaN or infinite. Raises ValueError."""
-    points = cloud_points(message).astype(np.float64)
-    return SensorPoints(points[np.isfinite(points).all(axis=1)], max_range_m, flat=False)
+    """The points of a PointCloud2 that were measured. Raises ValueError."""
+    return SensorPoints(measured(cloud_points(message).astype(np.float64)), max_range_m, flat=False)
 
 
 def occupancy_states(message: Any) -> tuple[GridGeometry, NDArray[np.uint8]]:

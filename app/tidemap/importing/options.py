@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from math import inf, nan
 from pathlib import Path
 
-OCCUPIED_WORDS = frozenset({"1", "true", "occupied", "open", "on", "yes"})
-FREE_WORDS = frozenset({"0", "false", "free", "closed", "off", "no"})
+OCCUPIED_WORDS = frozenset({"1", "1.0", "true", "occupied", "open", "on", "yes"})
+FREE_WORDS = frozenset({"0", "0.0", "false", "free", "closed", "off", "no"})
 UNAVAILABLE_WORDS = frozenset({"unavailable", "unknown", "null", "none", "nan"})
-"""As home automation and data frames write that a sensor does not know the state."""
+"""As home automation and data frames write that a sensor does not know the state; they write 1.0 for 1 then."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,12 +40,14 @@ class ImportOptions:
     time_zone: str = "UTC"
 
     def state_of(self, text: str) -> float:
-        """1 for a text that means occupied, 0 for free, NaN for unavailable. Raises ValueError for any other."""
+        """1 for a text that means occupied, 0 for free, NaN for unavailable or none. Raises ValueError for others."""
         word = text.strip().casefold()
         if word in UNAVAILABLE_WORDS and word not in self.occupied:
             return nan
         if self.occupied:
             return int(word in self.occupied)
+        if not word:
+            return nan
         if word not in OCCUPIED_WORDS and word not in FREE_WORDS:
             raise ValueError(f"{text[:40]!r} is neither occupied nor free; name what is occupied with --occupied")
         return int(word in OCCUPIED_WORDS)

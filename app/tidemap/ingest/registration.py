@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc, chdtri
 
 from tidemap.space.alignment import MAX_POINTS, MAX_ROUGH_POINTS, Alignment, Surface
 from tidemap.space.pose import Array, Pose
@@ -116,7 +116,7 @@ def _sigmas(correction: Array, covariance: Array, surface: Surface) -> float:
     expected = (covariance + own)[np.ix_(free, free)]
     moved = correction[free]
     squared = float(moved @ np.linalg.solve(expected, moved))
-    return float(np.sqrt(chi2.isf(chi2.sf(squared, len(free)), 1)))
+    return float(np.sqrt(chdtri(1, chdtrc(len(free), squared))))
 
 
 def _features(found: list[Alignment], sigmas: float) -> Features:

@@ -11,7 +11,7 @@ from tidemap.errors import InvalidInputError
 from tidemap.schemas.scans import ScanHeader
 from tidemap.space.grid import GridGeometry
 from tidemap.space.pose import Array, Pose
-from tidemap.space.ranges import RangeLimits, points_of_ranges
+from tidemap.space.ranges import RangeLimits, measured, points_of_ranges
 from tidemap.space.scan import Scan
 
 MAX_ASYMMETRY = 1e-6
@@ -47,19 +47,21 @@ def scan_of(sent: SentScan, grid: GridGeometry) -> Scan:
 
 
 def refuse_outside(scan: Scan, grid: GridGeometry) -> None:
-    """Raise InvalidInputError for a scan whose sensor and points are all outside of the grid."""
+    """Raise InvalidInputError for a scan whose sensor and points are all outside of the grid, and no ray crosses it."""
     ends = scan.map_from_sensor.apply(scan.points)
     looked_at = np.concatenate([scan.map_from_sensor.translation[np.newaxis], ends])
     cell = np.floor((looked_at - np.array(grid.origin)) / grid.resolution_m)
     used = 2 if grid.shape3[2] == 1 else 3
     inside = (cell[:, :used] >= 0) & (cell[:, :used] < grid.shape3[:used])
-    if not inside.all(axis=1).any():
-        low, high = grid.origin, np.array(grid.origin) + np.array(grid.shape3) * grid.resolution_m
-        raise InvalidInputError.at(
-            "map_from_sensor",
-            f"the sensor and all of its points are outside of the grid, which spans {list(low)} to {high.tolist()} m "
-            f"in frame {grid.frame!r}; check the pose, its direction (map from sensor) and that lengths are metres",
-        )
+    if inside.all(axis=1).any() or len(scan.cast(grid).cell):
+        return
+    low, high = grid.origin, np.array(grid.origin) + np.array(grid.shape3) * grid.resolution_m
+    raise InvalidInputError.at(
+        "map_from_sensor",
+        f"the sensor and all of its points are outside of the grid, which spans {list(low)} to {high.tolist()} m "
+        f"in frame {grid.frame!r}, and no ray crosses it; check the pose, its direction (map from sensor) and that "
+        "lengths are metres",
+    )
 
 
 def _pose(values: Any) -> Pose:
@@ -94,15 +96,16 @@ def _max_range(header: ScanHeader) -> float:
 
 
 def _points(sent: SentScan) -> tuple[NDArray[np.float32], bool]:
-    """Points (n, 3) float32, all finite, and whether they are flat."""
+    """Points (n, 3) float32, all finite and away from the sensor, and whether they are flat."""
     found = _measured(sent)
     points = np.zeros((len(found), 3), np.float32)
     with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite, and has no direction any more
         points[:, : found.shape[1]] = found
-    points = points[np.isfinite(points).all(axis=1)]
+    points = measured(points)
     if not len(points):
         if sent.ranges is None:
-            raise InvalidInputError.at("points", "there is none in it but NaN or infinity; leave such scans out")
+            says = "there is none in it but NaN, infinity, or the sensor itself (0, 0, 0); leave such scans out"
+            raise InvalidInputError.at("points", says)
         says = "none of them was measured: they are NaN, 0, or outside of range_min and range_max; leave such scans out"
         raise InvalidInputError.at("ranges", says)
     return points, sent.ranges is not None or found.shape[1] == 2
@@ -131,6 +134,8 @@ def _of_ranges(ranges: NDArray[np.floating], header: ScanHeader) -> NDArray[np.f
     if clear == inf and (ranges == inf).any():
         raise InvalidInputError.at("max_range", "ranges are infinite; send max_range, up to which their rays clear")
     limits = RangeLimits(header.range_min or 0.0, inf if header.range_max is None else header.range_max, clear)
+    if limits.low > limits.high:
+        raise InvalidInputError.at("range_min", f"it is above range_max, {limits.high}; swap them")
     return points_of_ranges(ranges.astype(np.float64), angles, limits)
 
 

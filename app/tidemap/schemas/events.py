@@ -25,7 +25,7 @@ class WireMessage(BaseModel):
         },
     )
 
-    kind: Literal["observation", "anomaly", "update", "job", "location"]
+    kind: Literal["observation", "anomaly", "update", "job", "location", "attention"]
     location: str
-    id: int = Field(description="Of the observation, anomaly, revision, job or location.")
+    id: int = Field(description="Of the observation, anomaly, revision, job, location or mute.")
     time: TimeOut = Field(description="When it was published.")

@@ -30,6 +30,7 @@ class Job(Answer):
     state: JobState
     progress: float = Field(ge=0, le=1)
     error: str | None = None
+    waiting: str | None = Field(None, description="What keeps it from going on, such as a cluster without workers.")
     result: dict[str, Any] | None = None
     created_at: TimeOut
     finished_at: TimeOut | None = None

@@ -1,6 +1,6 @@
 """Questions about a map and their answers. Large answers are encoded from arrays; these forms document them."""
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -12,6 +12,7 @@ ExportFormat = Literal["nav2", "octomap", "ply", "pcd", "npz", "arrow"]
 ExportSource = Literal["predicted", "observed"]
 ExportMode = Literal["trinary", "scale"]
 Verdict = Literal["occupied", "free", "uncertain"]
+Index = Annotated[list[int], Field(min_length=2, max_length=3)]
 UNAVAILABLE = (
     "Cells [first, stop) whose stored state is damaged, as the server's log says: they are missing here. "
     "Empty when all is well."
@@ -48,7 +49,7 @@ class PredictForm(Form):
     model_config = shown({"time": ["2026-03-02T09:00:00Z", 1772442000], "cell": [0], "confidence": 0.9})
 
     time: Many[TimeIn] = Field(min_length=1)
-    cell: Many[int] | None = None
+    cell: Many[int | Index] | None = Field(None, description="Each its linear index or [i,j,k]; by default all.")
     confidence: Confidence | None = None
     order: int | None = Field(None, ge=0, le=64)
     estimator: EstimatorName | None = None
@@ -83,6 +84,19 @@ class SeriesAnswer(Answer):
     state: list[int | None]
     observed: list[int | None]
     revision: int
+
+
+class DensityAnswer(Answer):
+    """How much was observed in each step [time, time + step_s) of a stretch of time, of whole samples."""
+
+    time: list[float]
+    step_s: float
+    step_samples: int = Field(description="Samples in a step.")
+    measurements: list[int] = Field(
+        description="Of all cells, one a sample where history has them by now, as they came where it has not."
+    )
+    samples: list[int] = Field(description="Samples in which any cell was observed.")
+    cells: int = Field(description="How many cells were counted: of a very large map some stand for all.")
 
 
 class BestTime(Answer):

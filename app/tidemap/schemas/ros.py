@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 FLOATS = {7: "f4", 8: "f8"}
 """Of sensor_msgs/PointField the types that coordinates have."""
 MAX_POINTS = 10_000_000
+MAX_PERCENT, UNSIGNED = 100, 255
+"""The highest value of a cell in a map, and -1 as a byte without a sign."""
 MAX_SINE = 1e-6
 """How far the origin of a map may be rotated, the sine of half the angle: not at all, but for rounding."""
 
@@ -45,13 +47,20 @@ def _axis(fields: Any, name: str, order: str, step: int) -> tuple[np.dtype[Any],
 def map_percent(message: Any) -> NDArray[np.int8]:
     """Cells (height, width) of a nav_msgs/OccupancyGrid: percent, -1 unknown. Raises ValueError."""
     width, height = int(message.info.width), int(message.info.height)
-    data = np.asarray(message.data, np.int8)
-    if not (width > 0 and height > 0 and len(data) == width * height):
-        raise ValueError(f"it has {len(data)} cells, but declares {width} x {height}")
+    data = np.asarray(message.data)
+    if not (width > 0 and height > 0 and data.shape == (width * height,)):
+        raise ValueError(f"it has {data.size} cells, but declares {width} x {height}")
     rotation = message.info.origin.orientation
     if not all(abs(getattr(rotation, axis)) <= MAX_SINE for axis in "xyz"):
         raise ValueError(
             "its origin is rotated, and cells here are not. Publish the map with a yaw of 0, resample it, or make its "
             "frame the location's"
         )
-    return data.reshape(height, width)
+    return percentages(data).reshape(height, width)
+
+
+def percentages(values: NDArray[Any]) -> NDArray[np.int8]:
+    """Cells of any shape in percent, -1 where they are unknown, or 255 where bytes have no sign. Raises ValueError."""
+    if values.dtype.kind not in "iu" or not (((values >= -1) & (values <= MAX_PERCENT)) | (values == UNSIGNED)).all():
+        raise ValueError(f"its cells are not all whole numbers, 0 to {MAX_PERCENT} percent or -1")
+    return values.astype(np.int8)  # 255 becomes -1

@@ -9,6 +9,7 @@ from threading import Event
 from fastapi import FastAPI
 
 from tidemap.api.main import create_app
+from tidemap.server.ending import end_within
 from tidemap.server.warming import warm_up
 from tidemap.services.context import Context
 from tidemap.workers.compactor import Compactor
@@ -57,8 +58,8 @@ def background(ctx: Context) -> Iterator[Background]:
 @contextmanager
 def all_in_one(ctx: Context, *extensions: Extension) -> Iterator[FastAPI]:
     """API and extensions with the workers beside them."""
-    with relayed(ctx), background(ctx) as beside:
-        app = create_app(ctx, beside.alive, beside.is_leader)
+    with relayed(ctx) as relay, background(ctx) as beside:
+        app = create_app(ctx, relay | beside.alive, beside.is_leader)
         with _extended(ctx, app, extensions):
             yield app
 
@@ -66,16 +67,21 @@ def all_in_one(ctx: Context, *extensions: Extension) -> Iterator[FastAPI]:
 @contextmanager
 def api_replica(ctx: Context, *extensions: Extension) -> Iterator[FastAPI]:
     """API and extensions alone; another process on the same database does the background work."""
-    app = create_app(ctx)
-    with relayed(ctx), _extended(ctx, app, extensions):
-        yield app
+    with relayed(ctx) as relay:
+        app = create_app(ctx, relay)
+        with _extended(ctx, app, extensions):
+            yield app
 
 
 def work(ctx: Context, stop: Event) -> None:
-    """Background work alone, until `stop` is set: a candidate for leadership that serves nothing."""
+    """Background work alone, until `stop` is set: a candidate for leadership that serves nothing.
+
+    The whole process ends within `max_stop_s` then.
+    """
     warm_up()
     with relayed(ctx), background(ctx):
         stop.wait()
+        end_within(ctx.settings.max_stop_s, ctx.store.waiting)
 
 
 def stop_on_signals() -> Event:

@@ -19,6 +19,7 @@ from tidemap.api.state import state_of_app
 from tidemap.server.binding import url_of
 from tidemap.server.census import Census
 from tidemap.server.demo import Demo
+from tidemap.server.ending import end_within
 from tidemap.server.memory import periodic_trim
 from tidemap.server.processes import Extension, all_in_one
 from tidemap.server.protocol import BoundedHttpProtocol, BoundedWebSocketProtocol
@@ -65,7 +66,10 @@ class _Server(uvicorn.Server):
 
 
 def serve(ctx: Context, bound: socket.socket, options: ServeOptions, *extensions: Extension) -> int:
-    """Serve all in one at a bound socket, with extensions such as pages, until stopped; 0 when that went well."""
+    """Serve all in one at a bound socket, with extensions such as pages, until stopped; 0 when that went well.
+
+    Once it is to stop, the whole process ends within `max_stop_s`.
+    """
     settings = ctx.settings
     sys.setswitchinterval(SWITCH_S)
     with ExitStack() as stack:
@@ -84,7 +88,11 @@ def serve(ctx: Context, bound: socket.socket, options: ServeOptions, *extensions
             if options.demo:
                 stack.enter_context(Demo(ctx, url))
 
-        server = _Server(config, ready, state_of_app(site).stopping.set)
+        def stopping() -> None:
+            state_of_app(site).stopping.set()
+            end_within(settings.max_stop_s, ctx.store.waiting)
+
+        server = _Server(config, ready, stopping)
         for asked in (signal.SIGTERM, signal.SIGINT):
             # uvicorn raises the signal again once it has stopped; what is left to close here comes after that.
             signal.signal(asked, lambda *_: None)

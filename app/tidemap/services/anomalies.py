@@ -1,4 +1,4 @@
-"""Anomalies: list and acknowledge stored events."""
+"""Anomalies: stored events, listed and one by one."""
 
 from dataclasses import dataclass, fields, replace
 
@@ -10,7 +10,6 @@ from tidemap.scope import EVERYWHERE, Scope
 from tidemap.services.context import Context
 from tidemap.storage.records import SEEN_FREE, SEEN_OCCUPIED, AnomalyRecord, LocationRecord
 from tidemap.storage.repositories.anomalies import SILENCE, AnomalyFilter
-from tidemap.storage.work import Work
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -114,16 +113,6 @@ def get_event(ctx: Context, anomaly_id: int) -> Anomaly:
         record = work.anomalies.get(anomaly_id)
         location = work.locations.by_id(record.location_id)
     return _known(ctx, location, record)
-
-
-def acknowledge(ctx: Context, anomaly_id: int, by: str, note: str | None) -> Anomaly:
-    """Raises AnomalyNotFoundError."""
-
-    def run(work: Work) -> tuple[LocationRecord, AnomalyRecord]:
-        record = work.anomalies.acknowledge(anomaly_id, by, ctx.clock(), note)
-        return work.locations.by_id(record.location_id), record
-
-    return _known(ctx, *ctx.store.write(run))
 
 
 def _known(ctx: Context, location: LocationRecord, record: AnomalyRecord) -> Anomaly:

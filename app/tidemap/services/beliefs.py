@@ -52,7 +52,7 @@ def beliefs_at(ctx: Context, model: Fitted, cells: NDArray[np.int64], moment: fl
             mine = Beliefs.none(len(rows), before.detector)
         else:
             p = predict_readings(model.spectrum, model.rows(cells[rows]), sequences, location.base)
-            mine = mine.filtered(sequences, p, location.hold_samples or 0)
+            mine = mine.filtered(sequences, p)
         found.put(rows, mine)
     return KeptEvidence(found, damaged)
 

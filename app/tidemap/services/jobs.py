@@ -78,6 +78,13 @@ def requeue_interrupted(ctx: Context) -> None:
     ctx.store.write(lambda work: work.jobs.requeue_running())
 
 
+def note_waiting(ctx: Context, record: JobRecord, reason: str | None) -> None:
+    """Say in a job what it waits for, or with None that it goes on; where that cannot be stored, it is said later."""
+    with suppress(BusyError):
+        if ctx.store.write(lambda work: work.jobs.note_waiting(record.id, reason)):
+            _publish_now(ctx, record)
+
+
 def run_job(ctx: Context, record: JobRecord, executor: Executor) -> bool:
     """Run a claimed job to its end; whether it did what it was to. BusyError leaves it running, to run again later."""
 
@@ -97,7 +104,7 @@ def run_job(ctx: Context, record: JobRecord, executor: Executor) -> bool:
         log.exception("job %d failed", record.id)
         _fail(ctx, record, f"{type(error).__name__}: {error}")
     else:
-        _publish_end(ctx, record)
+        _publish_now(ctx, record)
         ctx.bus.publish(EventMessage("update", record.location, revision.revision, ctx.clock(), _result(revision)))
         return True
     return False
@@ -123,10 +130,10 @@ def _reporter(ctx: Context, record: JobRecord) -> Callable[[float], None]:
 def _fail(ctx: Context, record: JobRecord, error: str) -> None:
     ended = {"state": "failed", "error": error, "finished_at": ctx.clock()}
     ctx.store.write(lambda work: work.jobs.transition(record.id, "running", **ended))
-    _publish_end(ctx, record)
+    _publish_now(ctx, record)
 
 
-def _publish_end(ctx: Context, record: JobRecord) -> None:
+def _publish_now(ctx: Context, record: JobRecord) -> None:
     try:
         with ctx.store.read() as work:
             _publish(ctx, work.jobs.get(record.id))
@@ -135,5 +142,5 @@ def _publish_end(ctx: Context, record: JobRecord) -> None:
 
 
 def _publish(ctx: Context, record: JobRecord) -> None:
-    data = {"job": record.kind, "state": record.state, "progress": record.progress}
+    data = {"job": record.kind, "state": record.state, "progress": record.progress, "waiting": record.waiting}
     ctx.bus.publish(EventMessage("job", record.location, record.id, ctx.clock(), data))

@@ -12,6 +12,9 @@ from tidemap.services.locations import find_location
 from tidemap.services.observed_map import observed_map
 from tidemap.services.parts import refuse_large
 from tidemap.services.spectra import Fitted, fitted
+from tidemap.settings import DAY_S
+from tidemap.spectral.civil import civil_seconds
+from tidemap.spectral.daily import day_amplitude
 from tidemap.spectral.prediction import predict, probability
 from tidemap.spectral.recipe import Recipe
 from tidemap.spectral.spectrum import Spectrum
@@ -53,6 +56,16 @@ def map_at(ctx: Context, query: MapQuery, like: MapView | None = None) -> MapVie
     confidence = location.confidence if query.confidence is None else query.confidence
     predicted = predict(model.spectrum, query.time, threads=ctx.settings.update_threads)
     return MapView(location, model.loaded, query.time, confidence, predicted, seen_at(ctx, location, query.time))
+
+
+def day_of(view: MapView) -> float:
+    """When the local day of a view began, Unix seconds."""
+    return view.time - float(civil_seconds(np.array(view.time), view.location.time_zone) % DAY_S)
+
+
+def day_amplitude_at(ctx: Context, view: MapView) -> NDArray[np.float32]:
+    """The amplitude of p over the local day of a view, (n_cells,), NaN where never observed: 24 predictions."""
+    return day_amplitude(view.loaded.spectrum, day_of(view), threads=ctx.settings.update_threads)
 
 
 def observed_at(ctx: Context, query: MapQuery) -> MapView:

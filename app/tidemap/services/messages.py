@@ -4,13 +4,14 @@ from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 
-from tidemap.events.messages import EventMessage
+from tidemap.events.messages import Attention, EventMessage
 from tidemap.events.subscription import EventFilter
 from tidemap.services.anomalies import Anomaly, changed_events
 from tidemap.services.context import Context
 from tidemap.services.incidents import EventChange, published
 from tidemap.services.listing import shortened
 
+SAID = ("acknowledged_by", "snoozed_by", "snoozed_until")
 HIDDEN = ("location_id", "damage", "seen", "marks", "part_of")
 
 
@@ -27,6 +28,14 @@ def publish_events(ctx: Context, changes: Sequence[EventChange]) -> None:
     for change in published(changes):
         update = change.done == "updated"
         ctx.bus.publish(anomaly_message(change.event, now, update=update, joined=change.joined))
+
+
+def publish_said(ctx: Context, change: EventChange, what: Attention) -> None:
+    """Publish what somebody has said of an event, as a change of it; of one that nobody is to hear of that alone."""
+    publish_events(ctx, [change])
+    if not change.audible:
+        data = {"change": what, **{name: getattr(change.event, name) for name in SAID}}
+        ctx.bus.publish(EventMessage("attention", change.event.location, change.event.id, ctx.clock(), data))
 
 
 def latest_change(ctx: Context) -> int:

@@ -6,12 +6,15 @@ from datetime import datetime, timedelta
 from zoneinfo import ZoneInfo
 
 from tidemap.errors import InvalidInputError, TooManyMutesError, refuse_reversed
+from tidemap.events.messages import Attention, EventMessage
 from tidemap.scope import EVERYWHERE, Scope
 from tidemap.services.context import Context
 from tidemap.storage.records import LocationRecord, MuteRecord
 from tidemap.storage.work import Work
 
 MAX_MUTES = 1000
+EVERY = ("*",)
+"""The pattern of all locations."""
 WEEK_S = 7 * 86400.0
 
 
@@ -53,7 +56,7 @@ def create_mute(ctx: Context, new: NewMute, by: str) -> MuteRecord:
             raise TooManyMutesError(MAX_MUTES)
         return work.mutes.create(values)
 
-    return ctx.store.write(create)
+    return ctx.store.write(create, lambda made: _publish(ctx, made, "muted"))
 
 
 def list_mutes(ctx: Context, scope: Scope = EVERYWHERE, after: int = 0) -> list[MuteRecord]:
@@ -70,7 +73,19 @@ def get_mute(ctx: Context, mute_id: int) -> MuteRecord:
 
 def delete_mute(ctx: Context, mute_id: int) -> None:
     """Events that it muted stay so. Raises MuteNotFoundError."""
-    ctx.store.write(lambda work: work.mutes.delete(mute_id))
+
+    def delete(work: Work) -> MuteRecord:
+        gone = work.mutes.get(mute_id)
+        work.mutes.delete(mute_id)
+        return gone
+
+    ctx.store.write(delete, lambda gone: _publish(ctx, gone, "unmuted"))
+
+
+def _publish(ctx: Context, mute: MuteRecord, change: Attention) -> None:
+    """Publish what has become of a mute, once for each pattern of its locations."""
+    for pattern in EVERY if mute.scope.patterns is None else mute.scope.patterns:
+        ctx.bus.publish(EventMessage("attention", pattern, mute.id, ctx.clock(), {"change": change}))
 
 
 def is_muted(mutes: Sequence[MuteRecord], location: LocationRecord, start: float, stop: float) -> bool:

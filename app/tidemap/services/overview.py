@@ -17,9 +17,6 @@ from tidemap.storage.repositories.locations import LocationFilter
 
 AROUND_S = 86400.0
 STEP_S = 1800.0
-MIN_SILENT_S = 86400.0
-SILENT_PAUSES = 10
-"""A location is silent after so many usual pauses between its readings, or samples, and a day at least."""
 LIKELY = 0.5
 """The state is the likelier one, as in the paper's Eq. 3."""
 
@@ -45,12 +42,12 @@ class Outlook:
 class OverviewRow:
     """A location; `outlook` is None of grids, and where there is no model or it cannot be read.
 
-    silent_at: when it has been silent for longer than is usual, Unix seconds; None before its first reading.
+    silent_since: when it was heard last (Unix s), of one that has an event of silence; else None.
     """
 
     location: LocationSummary
     outlook: Outlook | None
-    silent_at: float | None
+    silent_since: float | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,6 +64,7 @@ def overview(ctx: Context, wanted: LocationFilter, offset: int, limit: int) -> O
     with ctx.store.read() as work:
         total = work.locations.count(wanted)
         found = work.locations.page(wanted, offset, limit)
+        silent = work.rhythms.silent([record.id for record, _ in found])
         revisions = _held_revisions(ctx, [record for record, _ in found])
         missing = [record.id for record, _ in found if record.revision and record.id not in revisions]
         revisions |= work.spectra.current(missing) if missing else {}
@@ -74,20 +72,17 @@ def overview(ctx: Context, wanted: LocationFilter, offset: int, limit: int) -> O
         OverviewRow(
             summary(record, revisions.get(record.id), n_open),
             _outlook(ctx, record, revisions.get(record.id), now),
-            silent_at(record),
+            silent.get(record.id),
         )
         for record, n_open in found
     ]
     return Overview(rows, total)
 
 
-def silent_at(location: LocationRecord) -> float | None:
-    """When a location has been silent for longer than is usual, Unix seconds; None before its first reading."""
-    if location.first_time is None or location.last_time is None:
-        return None
-    readings = max(location.observation_seq, location.measurements / location.n_cells, 1)
-    pause_s = max((location.last_time - location.first_time) / readings, location.interval_s)
-    return location.last_time + max(MIN_SILENT_S, SILENT_PAUSES * pause_s)
+def silent_since(ctx: Context, location: LocationRecord) -> float | None:
+    """When a location was heard last that has an event of silence, Unix seconds; else None."""
+    with ctx.store.read() as work:
+        return work.rhythms.silent([location.id]).get(location.id)
 
 
 def _held_revisions(ctx: Context, records: Sequence[LocationRecord]) -> dict[int, RevisionRecord]:

@@ -1,12 +1,13 @@
 """Questions about some cells at many times (Eq. 3)."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.errors import CellNotFoundError, InvalidInputError
+from tidemap.formats.json_columns.small import cells_of
 from tidemap.history.history import UNOBSERVED
 from tidemap.services.context import Context
 from tidemap.services.given import Given, Known, known_at
@@ -42,10 +43,13 @@ class PredictionView:
 
 @dataclass(frozen=True, slots=True)
 class PredictQuery:
-    """A question for many times; `cell` None asks for all cells. `as_of` and `given` are as of a `StateQuery`."""
+    """A question for many times; `cell` None asks for all cells, each linear or [i,j,k].
+
+    `as_of` and `given` are as of a `StateQuery`.
+    """
 
     time: list[float]
-    cell: list[int] | None = None
+    cell: Sequence[int | Sequence[int]] | None = None
     confidence: float | None = None
     order: int | None = None
     estimator: str | None = None
@@ -130,9 +134,13 @@ def _cells(ctx: Context, location: LocationRecord, query: PredictQuery) -> NDArr
         raise InvalidInputError.at(
             "time", f"{n_points} values are more than {ctx.settings.max_points}; ask for fewer times or cells"
         )
-    for cell in query.cell or ():
-        check_cell(location, cell)
-    return np.arange(location.n_cells) if query.cell is None else np.asarray(query.cell, np.int64)
+    if query.cell is None:
+        return np.arange(location.n_cells)
+    found = cells_of(list(query.cell), "cell", location.cells)
+    outside = np.flatnonzero((found < 0) | (found >= location.n_cells))
+    if outside.size:
+        raise CellNotFoundError(query.cell[outside[0]], location.n_cells)
+    return found
 
 
 def check_cell(location: LocationRecord, cell: int) -> None:

@@ -21,9 +21,11 @@ class SeriesView:
     """One cell over time, (n,) each; state and observed are 2 where unknown.
 
     probability and state are those of the sample that contains the time. So is observed; of a step that is longer than
-    a sample it is the latest measurement in [time, time + step), where there is one.
+    a sample it is the latest measurement in [time, time + step), where there is one. time_zone: the location's.
     """
 
+    name: str
+    time_zone: str
     cell: int
     time: NDArray[np.float64]
     probability: NDArray[np.float32]
@@ -75,7 +77,8 @@ def series(ctx: Context, name: str, query: SeriesQuery = WHOLE, check: Callable[
     observed = _observed_at(ctx, location, cell, time)
     if step > location.interval_s:
         _show_latest(ctx, location, cell, time, step, observed)
-    return SeriesView(cell, time, probability, state_or_unknown(probability, location.confidence), observed, revision)
+    state = state_or_unknown(probability, location.confidence)
+    return SeriesView(name, location.time_zone, cell, time, probability, state, observed, revision)
 
 
 def times_between(ctx: Context, start: float, stop: float, step: float) -> NDArray[np.float64]:

@@ -112,15 +112,44 @@ class Silences:
         if heard.last is None or heard.judged == now:
             return None
         heard.judged = now
-        first = int(max(heard.last, self._since) // INTERVAL_S) + 1
-        if now - first < MIN_EXPECTED:
+        silence = _silence(heard.last, self._since, ctx.clock())
+        if len(silence) < MIN_EXPECTED:
             return None
         last = int(heard.interval[-1])
         if heard.rhythm is None or heard.rhythm[0] != last:
             heard.rhythm = last, _rhythm(location, heard.interval)
         rhythm = heard.rhythm[1]
-        expected = rhythm.silence(_civil(location, np.arange(first, min(now, first + MAX_INTERVALS))))
+        expected = rhythm.silence(_civil(location, silence))
         return (expected, rhythm.longest) if expected > rhythm.longest else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Usual:
+    """The rhythm of a location as it was stored last, and since when a server has listened."""
+
+    location: LocationRecord
+    rhythm: Rhythm
+    since: float
+
+    def is_silent(self, last: float, now: float, share: float) -> bool:
+        """Whether one that is heard in a share of the intervals has not been for longer than is usual, since `last`."""
+        silence = _silence(last, self.since, now)
+        return share * self.rhythm.silence(_civil(self.location, silence)) > self.rhythm.longest
+
+
+def usual(work: Work, location: LocationRecord) -> Usual | None:
+    """None where nothing was heard yet, or what is stored of it cannot be read."""
+    record, listening = work.rhythms.find(location.id), work.rhythms.listening()
+    if record is None or listening is None:
+        return None
+    interval = _loaded(record).interval
+    return Usual(location, _rhythm(location, interval), listening[0]) if len(interval) else None
+
+
+def _silence(last: float, since: float, now: float) -> NDArray[np.int64]:
+    """The numbers of the intervals that have passed since something was heard last while a server listened."""
+    first = int(max(last, since) // INTERVAL_S) + 1
+    return np.arange(first, min(int(now // INTERVAL_S), first + MAX_INTERVALS))
 
 
 def _loaded(record: RhythmRecord) -> _Heard:

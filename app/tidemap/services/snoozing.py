@@ -7,7 +7,7 @@ from tidemap.services.anomalies import Anomaly
 from tidemap.services.context import Context
 from tidemap.services.ending import marked
 from tidemap.services.incidents import EventChange
-from tidemap.services.messages import publish_events
+from tidemap.services.messages import publish_events, publish_said
 from tidemap.storage.work import Work
 
 
@@ -19,12 +19,11 @@ def snooze(ctx: Context, anomaly_id: int, by: str, until: float | None) -> Anoma
     if until is not None and until <= ctx.clock():
         raise InvalidInputError.at("until", "this time has passed; give a later one, or null to hear of it again")
 
-    def run(work: Work) -> list[EventChange]:
+    def run(work: Work) -> EventChange:
         event = work.anomalies.locked(anomaly_id)
-        return marked(work, [replace(event, snoozed_by=None if until is None else by, snoozed_until=until)])
+        return marked(work, [replace(event, snoozed_by=None if until is None else by, snoozed_until=until)])[0]
 
-    (change,) = ctx.store.write(run, lambda changes: publish_events(ctx, changes))
-    return change.event
+    return ctx.store.write(run, lambda change: publish_said(ctx, change, "snoozed")).event
 
 
 def end_snoozes(ctx: Context) -> None:

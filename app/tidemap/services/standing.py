@@ -86,9 +86,10 @@ def _span(ctx: Context, model: Fitted) -> _Span:
 
 
 def _refuted(ctx: Context, span: _Span, check: Callable[[], None]) -> dict[int, float]:
-    """When the events that began in a span stop, by their ids, of those that a reading that came late contradicts.
+    """When the events in a span stop, by their ids, of those that a reading that came late contradicts.
 
-    The first sample of each was published, and stays.
+    What was published of each before the span stays, or its first sample; and what nothing read contradicts, though
+    the model of today would not have found it: one incident is one event, whatever was learned while it lasted.
     """
     base, stops = span.location.base, {}
     bounds = float(base.time(span.start)), float(base.time(span.stop))
@@ -96,9 +97,9 @@ def _refuted(ctx: Context, span: _Span, check: Callable[[], None]) -> dict[int, 
         events = work.anomalies.list(AnomalyFilter(span.location.id, start=bounds[0], stop=bounds[1]))
     for event in events:
         check()
-        first, stop = int(base.sample(event.start)), int(base.sample(min(event.stop, bounds[1])))
+        first, stop = max(int(base.sample(event.start)), span.start - 1), int(base.sample(min(event.stop, bounds[1])))
         stop = min(stop, first + MAX_SAMPLES)
-        if first >= span.start and (end := _end(ctx, span.location, event, (first, stop))) < stop:
+        if (end := _end(ctx, span.location, event, (first, stop))) < stop:
             stops[event.id] = float(base.time(end))
     return stops
 
@@ -123,13 +124,13 @@ def _end(ctx: Context, location: LocationRecord, event: AnomalyRecord, samples: 
 
 
 def _shown_until(history: History, bits: NDArray[np.uint8]) -> int:
-    """The end of the last sample in which a cell may have been as it was seen, `bits` (n_cells, 1); latest first."""
+    """The end of the last sample in which a cell was as it was seen, `bits` (n_cells, 1); latest first."""
     step = max(1, BLOCK_VALUES // history.n_cells)
     for high in range(history.stop, history.start, -step):
         low = max(history.start, high - step)
         states = history.window(low, high).states()
-        wrong = np.where(states == OCCUPIED, ~bits & SEEN_OCCUPIED, (states == FREE) & ~bits & SEEN_FREE)
-        shown = np.flatnonzero((wrong == 0).any(axis=0))
+        shows = np.where(states == OCCUPIED, bits & SEEN_OCCUPIED, (states == FREE) * (bits & SEEN_FREE))
+        shown = np.flatnonzero(shows.any(axis=0))
         if shown.size:
             return low + int(shown[-1]) + 1
     return history.start
@@ -159,10 +160,7 @@ def _store(
 def _cut(
     work: Work, location: LocationRecord, span: tuple[float, float], stops: Mapping[int, float]
 ) -> list[AnomalyRecord]:
-    """End the events that go on at the start of a span there, as what follows is judged anew, and others at `stops`."""
-    start, cut = span[0], []
-    for event in work.anomalies.near(location.id, *span):
-        stop = start if event.start < start < event.stop else stops.get(event.id, event.stop)
-        if event.damage is None and stop < event.stop:
-            cut.append(replace(event, stop=stop))
-    return work.anomalies.change(cut)
+    """End events in a span at `stops`."""
+    events = [event for event in work.anomalies.near(location.id, *span) if event.damage is None]
+    ends = [(event, stops.get(event.id, event.stop)) for event in events]
+    return work.anomalies.change([replace(event, stop=stop) for event, stop in ends if stop < event.stop])

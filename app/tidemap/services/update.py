@@ -175,9 +175,8 @@ def _detector(ctx: Context, location: LocationRecord, sampled: SampledCells, spe
     """What reads the cells, learned from some of them and their spectrum."""
     sequences = Sequences.of(measured(ctx, location, sampled))
     p = predict_readings(spectrum, np.arange(spectrum.n_cells), sequences, location.base).astype(np.float64)
-    read = ReadCells(sequences, p, location.hold_samples or 0)
     given = location.sensor if isinstance(location.sensor, Sensor) else None
-    return learn_detector(read, location.interval_s, given)
+    return learn_detector(ReadCells(sequences, p), location.interval_s, given)
 
 
 def _asked_samples(location: LocationRecord, history: tuple[int, int], request: UpdateRequest) -> tuple[int, int]:

@@ -49,6 +49,9 @@ class UpdateTask:
     chunk: int
     term: int | None
 
+    def __str__(self) -> str:
+        return f"chunk {self.chunk} of location {self.plan.location.name!r}"
+
 
 @dataclass(frozen=True, slots=True)
 class ChunkFit:

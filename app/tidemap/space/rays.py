@@ -44,10 +44,10 @@ def cast_rays(
 
     The cell with a ray's end is hit; cells with more than a point of the ray before that are passed. A ray longer
     than `max_range_m` is cut off there, hits nothing and leaves out the cell with its cut. A cell is occupied from
-    `min_hits` hits on, else free if a ray passed it, else not seen. Ends that are not finite, or further than
-    MAX_AWAY cells, are skipped. A grid of one layer is flat: z is left out, also of ranges. Raises ValueError for an
-    origin that is not finite, a range that is not positive, and other min_hits than 1 to MAX_MIN_HITS.
-    O(cells passed), and a byte a cell of the grid.
+    `min_hits` hits on, else free if a ray passed it, else not seen. Ends that are not finite are skipped, and so are
+    those further than MAX_AWAY cells whose ray is not cut off. A grid of one layer is flat: z is left out, also of
+    ranges. Raises ValueError for an origin that is not finite, a range that is not positive, and other min_hits than 1
+    to MAX_MIN_HITS. O(cells passed), and a byte a cell of the grid.
     """
     if not np.isfinite(origin).all():
         raise ValueError("The origin of the rays is NaN or infinite. Send the pose of the sensor, or leave it out.")

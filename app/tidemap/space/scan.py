@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from tidemap.space.grid import GridGeometry
 from tidemap.space.pose import Array, Pose
+from tidemap.space.ranges import LONGER
 from tidemap.space.rays import SeenCells, cast_rays
 
 
@@ -30,7 +31,7 @@ class Scan:
     @property
     def returns(self) -> NDArray[np.float32]:
         """The points where something was met: (m, 3)."""
-        return self.points[self.ranges <= self.max_range_m]
+        return self.points[self.ranges <= self.max_range_m * LONGER]
 
     @property
     def ranges(self) -> NDArray[np.float32]:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.space.pose import Pose
+from tidemap.space.ranges import LONGER
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,7 +29,7 @@ class Sweep:
     def reach(self) -> NDArray[np.float64]:
         """The sensor and all that was hit, in the map's frame, (m, 3)."""
         with np.errstate(invalid="ignore", over="ignore"):
-            hit = np.linalg.norm(self.points, axis=1) <= self.max_range_m
+            hit = np.linalg.norm(self.points, axis=1) <= self.max_range_m * LONGER
         return np.concatenate(
             [self.map_from_sensor.translation[np.newaxis], self.map_from_sensor.apply(self.points[hit])]
         )

@@ -8,12 +8,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from tidemap.history.jit import kernel
 from tidemap.space.grid import GridGeometry
+from tidemap.space.ranges import LONGER
 
 Array: TypeAlias = NDArray[np.float64]
 Integers: TypeAlias = NDArray[np.int64]
 
 MAX_AWAY = 1e15
-"""How many cells an end may be away; further off numbers are coarser than a cell."""
+"""How many cells an end may be away unless its ray is cut off; further off numbers are coarser than a cell."""
 MIN_SHARE = 2.0**-40
 """A ray is parallel to an axis if it moves along it by less than this share of its longest part."""
 SKIP, WHOLE, CUT = 0, 1, 2
@@ -51,9 +52,10 @@ def aim(start: Array, end: Array, max_range: float, walk: Walk) -> int:
     for axis in range(3):
         walk.way[axis], walk.stop[axis] = end[axis] - start[axis], end[axis]
         squared += walk.way[axis] ** 2
-    if not squared < MAX_AWAY**2:  # NaN is not either
+    whole = squared <= (max_range * LONGER) ** 2
+    if not squared < (MAX_AWAY**2 if whole else inf):  # NaN is not either
         return SKIP
-    if squared <= max_range**2:
+    if whole:
         return WHOLE
     share = max_range / np.sqrt(squared)
     for axis in range(3):

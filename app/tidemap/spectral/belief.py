@@ -97,21 +97,22 @@ class Beliefs:
         copy.put(rows, other)
         return copy
 
-    def filtered(self, sequences: Sequences, p: NDArray[np.float32], hold: int = 0) -> "Beliefs":
+    def filtered(self, sequences: Sequences, p: NDArray[np.float32]) -> "Beliefs":
         """Moved by later readings of the same cells; p: the model's at every reading, NaN leaves it out.
 
+        Nothing is held from one reading to the next: what comes after a hold may have changed at any time before.
         To filter some readings and then the others gives the same bits as to filter all at once.
         """
         moved = self.rows(np.arange(len(self.sample)))
         read = (sequences.offset, sequences.sample, sequences.state, self.unread(p))
-        _filter(*read, *self._constants, hold, moved.signed, moved.sample, moved.p, moved.age)
+        _filter(*read, *self._constants, moved.signed, moved.sample, moved.p, moved.age)
         return moved
 
-    def traced(self, sequences: Sequences, p: NDArray[np.float32], hold: int = 0) -> "Beliefs":
+    def traced(self, sequences: Sequences, p: NDArray[np.float32]) -> "Beliefs":
         """As `filtered`, but a row for every reading: what is believed of its cell after it."""
         every = self.rows(sequences.cell)
         read = (sequences.offset, sequences.sample, sequences.state, self.unread(p))
-        _filter_each(*read, *self._constants, hold, every.signed, every.sample, every.p, every.age)
+        _filter_each(*read, *self._constants, every.signed, every.sample, every.p, every.age)
         return every
 
     def condition(
@@ -155,7 +156,6 @@ def _filter(
     rhythm: NDArray[np.float32],
     rates: tuple[float, float],
     log_kept: NDArray[np.float64],
-    hold: int,
     signed: NDArray[np.float32],
     sample: NDArray[np.int64],
     p: NDArray[np.float32],
@@ -165,7 +165,7 @@ def _filter(
     for cell in range(offset.size - 1):
         for j in range(offset[cell], offset[cell + 1]):
             now = (signed[cell], sample[cell], p[cell], age[0, cell], age[1, cell])
-            moved = _moved(now, read[j], state[j], rhythm[j], rates, log_kept, hold)
+            moved = _moved(now, read[j], state[j], rhythm[j], rates, log_kept)
             signed[cell], sample[cell], p[cell], age[0, cell], age[1, cell] = moved
 
 
@@ -177,7 +177,6 @@ def _filter_each(
     rhythm: NDArray[np.float32],
     rates: tuple[float, float],
     log_kept: NDArray[np.float64],
-    hold: int,
     signed: NDArray[np.float32],
     sample: NDArray[np.int64],
     p: NDArray[np.float32],
@@ -188,7 +187,7 @@ def _filter_each(
         for j in range(offset[cell], offset[cell + 1]):
             before = j if j == offset[cell] else j - 1
             now = (signed[before], sample[before], p[before], age[0, before], age[1, before])
-            moved = _moved(now, read[j], state[j], rhythm[j], rates, log_kept, hold)
+            moved = _moved(now, read[j], state[j], rhythm[j], rates, log_kept)
             signed[j], sample[j], p[j], age[0, j], age[1, j] = moved
 
 
@@ -200,7 +199,6 @@ def _moved(
     rhythm: float,
     rates: tuple[float, float],
     log_kept: NDArray[np.float64],
-    hold: int,
 ) -> Any:
     """What is kept of a cell after a reading, from what was kept before it."""
     if np.isnan(rhythm):
@@ -209,7 +207,7 @@ def _moved(
     before, free_age, occupied_age = float(rhythm), 1.0, 1.0
     if not np.isnan(signed):
         kept = (abs(signed), sample, at_reading, free, occupied)
-        before, free_age, occupied_age = _ahead(kept, min(sample + hold, read), read, rhythm, log_kept)
+        before, free_age, occupied_age = _ahead(kept, sample, read, rhythm, log_kept)
     before = min(max(before, MIN_BELIEF), 1 - MIN_BELIEF)
     one, zero = weighed(before, state, rates)
     belief = np.float32(one / (one + zero))

@@ -34,14 +34,10 @@ REDRAWN_SD: Final = 2.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReadCells:
-    """The readings of some cells, and the rhythm's probability of an occupied one at each of them, (n,) float64.
-
-    hold: for how many samples a reading stands.
-    """
+    """The readings of some cells, and the rhythm's probability of an occupied one at each of them, (n,) float64."""
 
     sequences: Sequences
     p: NDArray[np.float64]
-    hold: int = 0
 
 
 def learn_detector(read: ReadCells, interval_s: float, given: Sensor | None = None) -> Detector:
@@ -71,7 +67,7 @@ def _latest(read: ReadCells) -> ReadCells:
     known = ~np.isnan(read.p)
     sequences, p = read.sequences.select(known), read.p[known]
     kept = sequences.latest(max(1, MAX_READINGS // max(1, sequences.n_cells)))
-    return ReadCells(sequences.select(kept), p[kept], read.hold)
+    return ReadCells(sequences.select(kept), p[kept])
 
 
 def _chain_of(read: ReadCells, interval_s: float, given: Sensor | None) -> tuple[Sensor, float]:
@@ -87,7 +83,7 @@ def _chain_of(read: ReadCells, interval_s: float, given: Sensor | None) -> tuple
     def cost(theta: NDArray[np.float64]) -> float:
         sensor = sensor_of(theta)
         rhythm = _rhythm(sensor, read)
-        fits = _forward(*columns, rhythm, sensor.bounded, float(np.exp(theta[0])), read.hold, filtered, ahead)
+        fits = _forward(*columns, rhythm, sensor.bounded, float(np.exp(theta[0])), filtered, ahead)
         off = ((theta[0] - redrawn) / REDRAWN_SD) ** 2 + np.square((theta[1:] - usual) / RATE_SD).sum()
         return float(off / 2 - fits)
 
@@ -106,8 +102,8 @@ def _runs(read: ReadCells, sensor: Sensor, rate: float) -> BelievedRuns:
     sequences, rhythm = read.sequences, _rhythm(sensor, read)
     filtered, ahead = np.empty(len(read.p)), np.empty(len(read.p))
     columns = (sequences.offset, sequences.sample)
-    _forward(*columns, sequences.state, rhythm, sensor.bounded, rate, read.hold, filtered, ahead)
-    _smooth(*columns, rhythm, rate, read.hold, ahead, filtered)
+    _forward(*columns, sequences.state, rhythm, sensor.bounded, rate, filtered, ahead)
+    _smooth(*columns, rhythm, rate, ahead, filtered)
     occupied, cell = filtered > 0.5, sequences.cell
     first = np.concatenate(([True], (np.diff(occupied) != 0) | (np.diff(cell) != 0)))
     begin = np.flatnonzero(first)
@@ -130,7 +126,6 @@ def _forward(
     rhythm: NDArray[np.float64],
     rates: tuple[float, float],
     rate: float,
-    hold: int,
     filtered: NDArray[np.float64],
     ahead: NDArray[np.float64],
 ) -> float:
@@ -140,7 +135,7 @@ def _forward(
         for j in range(offset[cell], offset[cell + 1]):
             before = rhythm[j]
             if j > offset[cell]:
-                kept = np.exp(-rate * max(0, sample[j] - sample[j - 1] - hold))
+                kept = np.exp(-rate * (sample[j] - sample[j - 1]))
                 before = kept * filtered[j - 1] + (1 - kept) * rhythm[j]
             occupied, free = weighed(before, state[j], rates)
             ahead[j], filtered[j] = before, occupied / (occupied + free)
@@ -154,14 +149,13 @@ def _smooth(
     sample: NDArray[np.int64],
     rhythm: NDArray[np.float64],
     rate: float,
-    hold: int,
     ahead: NDArray[np.float64],
     filtered: NDArray[np.float64],
 ) -> None:
     """In place: P(occupied) given all readings of the cell, from that given those up to each."""
     for cell in range(offset.size - 1):
         for j in range(offset[cell + 1] - 2, offset[cell] - 1, -1):
-            kept = np.exp(-rate * max(0, sample[j + 1] - sample[j] - hold))
+            kept = np.exp(-rate * (sample[j + 1] - sample[j]))
             redrawn = (1 - kept) * rhythm[j + 1]
             occupied, free = filtered[j + 1] / ahead[j + 1], (1 - filtered[j + 1]) / (1 - ahead[j + 1])
             filtered[j] *= (kept + redrawn) * occupied + (1 - kept - redrawn) * free

@@ -147,7 +147,7 @@ def learn(
 def _detector(erring: Erring, past: History, spectrum: Spectrum, base: TimeBase) -> Detector:
     sequences = Sequences.of(erring.readings.window(past.start, past.stop))
     p = predict_readings(spectrum, np.arange(past.n_cells), sequences, base)
-    return learn_detector(ReadCells(sequences, p.astype(np.float64), erring.hold), base.interval_s, erring.sensor)
+    return learn_detector(ReadCells(sequences, p.astype(np.float64)), base.interval_s, erring.sensor)
 
 
 def ahead(readings: CellReadings, first: int, horizon: int) -> Ahead:
@@ -204,7 +204,7 @@ def _by_belief(cell: _Cell, spectrum: Spectrum, detector: Detector, hold: int, b
     sample, state = cell.readings.sample[first:], cell.readings.state[first:]
     sequence = Sequences(np.array([0, len(sample)]), sample, state)
     rhythm = predict_readings(spectrum, [cell.number], sequence, base)
-    believed = Beliefs.none(1, detector).traced(sequence, rhythm, hold)
+    believed = Beliefs.none(1, detector).traced(sequence, rhythm)
 
     def given(pair: Ahead, horizon: int) -> NDArray[np.floating]:
         known, asked = believed.rows(pair.earlier - first), cell.readings.sample[pair.later]

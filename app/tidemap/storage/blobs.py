@@ -15,7 +15,7 @@ from tidemap.history.segment import SEGMENT_SAMPLES, Segment
 from tidemap.history.snapshot import plane_cells, seen_plane
 from tidemap.history.timebase import TimeBase
 from tidemap.spectral.spectrum import Spectrum
-from tidemap.storage.codec import QUICK, SMALL, seal, unseal
+from tidemap.storage.codec import QUICK, SMALL, VERSION, seal, unseal
 
 _SPECTRUM = ("frequency_hz", "gate", "mean", "cell", "index", "coefficient")
 """The arrays of a spectrum."""
@@ -156,14 +156,14 @@ def unpack_numbers(blob: bytes, what: str) -> NDArray[np.int64]:
     return found + columns["first"][0] if len(found) else found
 
 
-def pack_json(value: Any) -> bytes:
-    """A value of plain JSON."""
-    return seal({"json": np.array(json.dumps(value).encode())}, SMALL)
+def pack_json(value: Any, version: int = VERSION) -> bytes:
+    """A value of plain JSON; version: the first that understands it."""
+    return seal({"json": np.array(json.dumps(value).encode())}, SMALL, version)
 
 
-def unpack_json(blob: bytes, what: str) -> Any:
-    """The inverse of `pack_json`."""
-    return json.loads(cast(Any, unseal(blob, what, "json")["json"]).item())
+def unpack_json(blob: bytes, what: str, latest: int = VERSION) -> Any:
+    """The inverse of `pack_json`, of a version up to `latest`. Raises CorruptChunkError."""
+    return json.loads(cast(Any, unseal(blob, what, "json", latest=latest)["json"]).item())
 
 
 def pack_segment(segment: Segment) -> bytes:
@@ -213,6 +213,18 @@ def unpack_segment(blob: bytes, number: int, what: str) -> Segment:
         None if surplus is None else _signed(surplus),
         Ends(columns["end_cell"].astype(np.uint32), columns["end_time"]) if "end_cell" in columns else None,
     )
+
+
+def observed_counts(blob: bytes, what: str) -> NDArray[np.int64]:
+    """(SEGMENT_SAMPLES,) how many cells of a packed segment were observed in each sample. Raises CorruptChunkError.
+
+    Of distinct rows and samples alone, which is some ten times faster than to unpack them.
+    """
+    columns = cast(dict[str, Any], unseal(blob, what, "seen", "sample", "row"))
+    seen = np.unpackbits(columns["seen"], axis=1, bitorder="little")
+    alike = np.bincount(columns["row"], minlength=seen.shape[1])
+    counts: NDArray[np.int64] = (seen @ alike)[columns["sample"]]
+    return counts
 
 
 def _signed(folded: NDArray[np.unsignedinteger[Any]]) -> NDArray[np.int32]:

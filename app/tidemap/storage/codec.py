@@ -1,7 +1,7 @@
 """How arrays become the bytes of a row: a version byte, a CRC-32, then a zstd frame of a header and the raw columns.
 
 Layout of a sealed blob: `version u8 | crc32 of the rest u32le | zstd(header length u32le | header JSON | columns)`,
-the frame with a dictionary of common headers.
+the frame with a dictionary of common headers. The checksum of a version above 1 begins with the version.
 Arrays are little-endian in C order, so the bytes are the same on every machine.
 """
 
@@ -16,9 +16,10 @@ import numpy as np
 import zstandard
 from numpy.typing import NDArray
 
-from tidemap.errors import CorruptChunkError
+from tidemap.errors import CorruptChunkError, LaterFormatError
 
 VERSION = 1
+"""Of the layout; a blob whose contents an earlier version would not understand has a higher one."""
 _PREFIX = struct.Struct("<BI")
 _LENGTH = struct.Struct("<I")
 QUICK, SMALL = 3, 9
@@ -40,7 +41,7 @@ _per_thread = local()
 Columns = Mapping[str, NDArray[np.generic]]
 
 
-def seal(columns: Columns, level: int = QUICK) -> bytes:
+def seal(columns: Columns, level: int = QUICK, version: int = VERSION) -> bytes:
     """Pack named arrays into one blob.
 
     >>> unseal(seal({"cell": np.arange(3, dtype=np.uint32)}), "doc")["cell"].tolist()
@@ -50,22 +51,25 @@ def seal(columns: Columns, level: int = QUICK) -> bytes:
     header = json.dumps([[name, array.dtype.str, array.shape] for name, array in arrays.items()]).encode()
     parts = [_LENGTH.pack(len(header)), header, *(array.tobytes() for array in arrays.values())]
     frame = _compressor(level).compress(b"".join(parts))
-    return _PREFIX.pack(VERSION, zlib.crc32(frame)) + frame
+    return _PREFIX.pack(version, _checksum(frame, version)) + frame
 
 
-def unseal(blob: bytes, what: str, *names: str) -> dict[str, NDArray[np.generic]]:
-    """The arrays of a blob, read-only.
+def unseal(blob: bytes, what: str, *names: str, latest: int = VERSION) -> dict[str, NDArray[np.generic]]:
+    """The arrays of a blob of a version up to `latest`, read-only.
 
-    Raises CorruptChunkError naming `what` when it is not as it was sealed, or lacks one of the names.
+    Raises CorruptChunkError naming `what` when it is not as it was sealed, or lacks one of the names; LaterFormatError
+    when it is whole and of a later version.
     """
     problem = partial(CorruptChunkError, what)
     if len(blob) < _PREFIX.size:
         raise problem("it is cut short")
     version, checksum = _PREFIX.unpack_from(blob)
     frame = memoryview(blob)[_PREFIX.size :]
-    if version != VERSION:
-        raise problem(f"its format is {version}, this version reads {VERSION}")
-    if zlib.crc32(frame) != checksum:
+    whole = _checksum(frame, version) == checksum
+    if not VERSION <= version <= latest:
+        error = LaterFormatError if whole and version > latest else CorruptChunkError
+        raise error(what, f"its format is {version}, this version reads {latest}")
+    if not whole:
         raise problem("its checksum is wrong")
     try:
         columns = _split(_decompressor().decompress(frame))
@@ -74,6 +78,11 @@ def unseal(blob: bytes, what: str, *names: str) -> dict[str, NDArray[np.generic]
     if missing := [name for name in names if name not in columns]:
         raise problem(f"it is of another kind, without {', '.join(missing)}")
     return columns
+
+
+def _checksum(frame: bytes | memoryview, version: int) -> int:
+    """Of the first version without the version itself."""
+    return zlib.crc32(frame, 0 if version == VERSION else version)
 
 
 def _split(body: bytes) -> dict[str, NDArray[np.generic]]:

@@ -1,5 +1,6 @@
 """Schema versions: bring a database to this version's schema, or refuse one that is not known."""
 
+from functools import cache
 from pathlib import Path
 
 from alembic import command
@@ -14,17 +15,16 @@ from tidemap.errors import SchemaVersionError
 
 def migrate(connection: Connection, version: str = "head") -> None:
     """Run the migrations that `connection`'s database lacks up to a schema version, in the transaction it is in."""
+    if _checked(connection) == _known().as_revision_number(version):
+        return
     config = _config()
     config.attributes["connection"] = connection
-    _check_known(connection, config)
     command.upgrade(config, version)
 
 
 def check_version(connection: Connection) -> None:
     """Raise SchemaVersionError unless the database has exactly this version's schema."""
-    config = _config()
-    _check_known(connection, config)
-    current, head = current_version(connection), ScriptDirectory.from_config(config).get_current_head()
+    current, head = _checked(connection), _known().get_current_head()
     if current != head:
         raise SchemaVersionError(
             f"The database has schema version {current or 'none'}, this Tidemap needs {head}: run 'tidemap migrate'."
@@ -36,17 +36,24 @@ def current_version(connection: Connection) -> str | None:
     return MigrationContext.configure(connection).get_current_revision()
 
 
-def _check_known(connection: Connection, config: Config) -> None:
+def _checked(connection: Connection) -> str | None:
+    """The schema version of the database. Raises SchemaVersionError unless it is none or one of this Tidemap's."""
     current = current_version(connection)
-    if current is None:
-        return
     try:
-        ScriptDirectory.from_config(config).get_revision(current)
+        if current is not None:
+            _known().get_revision(current)
     except CommandError:
         raise SchemaVersionError(
             f"The database has schema version {current}, which this Tidemap does not know: "
             "it was written by a newer version. Upgrade Tidemap; nothing was changed."
         ) from None
+    return current
+
+
+@cache
+def _known() -> ScriptDirectory:
+    """The migrations of this version, read once."""
+    return ScriptDirectory.from_config(_config())
 
 
 def _config() -> Config:

@@ -180,6 +180,10 @@ def text_of(value: GridGeometry | FramedPosition | SensorSetting | None) -> str 
     return json.dumps(plain, separators=(",", ":"), ensure_ascii=False)
 
 
+PERSISTENCE_VERSION: Final = 2
+"""Of the stored form of how long states last; 1 knows no correction."""
+
+
 @dataclass(frozen=True)
 class RevisionRecord:
     """One update: samples [start, stop) were fitted; `observation_seq` and `measurements` were known then.
@@ -209,15 +213,16 @@ class RevisionRecord:
     def of(cls, row: RowMapping) -> "RevisionRecord":
         """From a row of the table."""
         what = f"revision {row['revision']}"
-        recipe = Recipe.from_dict(unpack_json(row["recipe"], f"the recipe of {what}"))
-        selection = row["selection"] and unpack_json(row["selection"], f"the selection of {what}")
-        learned = unpack_json(row["persistence"], f"the persistence of {what}") if row["persistence"] else {}
+        recipe = Recipe.from_dict(unpack_json(row["recipe"], f"recipe of {what}"))
+        selection = row["selection"] and unpack_json(row["selection"], f"selection of {what}")
+        lasting = f"persistence of {what}"
+        learned = unpack_json(row["persistence"], lasting, PERSISTENCE_VERSION) if row["persistence"] else {}
         offset = {int(cell): float(value) for cell, value in learned.pop("offset", [])}
-        read = row["detector"] and Detector.from_dict(unpack_json(row["detector"], f"the detector of {what}"))
-        lasting = {"persistence": Persistence.from_dict(learned) if learned else UNLEARNED, "offset": offset}
-        chunks = None if row["chunks"] is None else unpack_numbers(row["chunks"], f"the chunks of {what}")
+        read = row["detector"] and Detector.from_dict(unpack_json(row["detector"], f"detector of {what}"))
+        known = {"persistence": Persistence.from_dict(learned) if learned else UNLEARNED, "offset": offset}
+        chunks = None if row["chunks"] is None else unpack_numbers(row["chunks"], f"chunks of {what}")
         own = {"recipe": recipe, "selection": selection, "detector": read or None, "chunks": chunks}
-        return cls(**{**row, **own, **lasting})
+        return cls(**{**row, **own, **known})
 
     @property
     def estimator(self) -> str:
@@ -292,7 +297,7 @@ class AnomalyRecord:
 
 @dataclass(frozen=True)
 class JobRecord:
-    """Long work; `request` and `result` are plain JSON values."""
+    """Long work; `request` and `result` are plain JSON values. waiting: what keeps it from going on."""
 
     location_id: int
     location: str
@@ -302,6 +307,7 @@ class JobRecord:
     progress: float
     request: dict[str, Any]
     error: str | None
+    waiting: str | None
     result: dict[str, Any] | None
     created_at: float
     finished_at: float | None

@@ -12,6 +12,7 @@ from sqlalchemy import Connection, Dialect, make_url
 from sqlalchemy.exc import DBAPIError
 
 from tidemap.errors import DatabaseUnusableError, StorageUnavailableError
+from tidemap.storage.changes import Changes
 from tidemap.storage.engine import open_reader, open_writer
 from tidemap.storage.gate import Gate
 from tidemap.storage.migrate import check_version, current_version, migrate
@@ -198,6 +199,11 @@ class Store:
     def on_commit(self, listener: Callable[[float], object]) -> None:
         """Call `listener`, which only takes note, with the seconds that every group commit takes from now on."""
         self._writer.on_commit = listener
+
+    @property
+    def changes(self) -> Changes:
+        """Whether what lists of events show is as it was."""
+        return self._writer.changes
 
     def outage(self) -> str | None:
         """Why the database cannot be written, as the last write showed; None when it can."""

@@ -102,6 +102,19 @@ source = Table(
     sqlite_with_rowid=False,
 )
 
+# Whose posts were refused: `count` since a time, without a day between two of them, and what was wrong with the last.
+refusal = Table(
+    "refusal",
+    metadata,
+    _location_id(),
+    Column("name", String(128), primary_key=True),
+    Column("count", BigInt, nullable=False),
+    Column("since", Float(53), nullable=False),
+    Column("last_at", Float(53), nullable=False),
+    Column("reason", Text, nullable=False),
+    sqlite_with_rowid=False,
+)
+
 # What became of each scan; those in quarantine still carry their points, and their idempotency key, as no observation
 # has it. `observation` is the number of the one that a scan became.
 scan = Table(
@@ -122,6 +135,7 @@ scan = Table(
     Column("payload", LargeBinary),
     Index("ix_scan_idempotency", "location_id", "idempotency_key", unique=True),
     Index("ix_scan_verdict", "location_id", "verdict"),
+    Index("ix_scan_time", "location_id", "time"),
 )
 
 # Cell-major history: one row per chunk of cells and segment of samples.

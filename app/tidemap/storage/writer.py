@@ -4,6 +4,7 @@ import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import groupby
@@ -15,6 +16,7 @@ from sqlalchemy import Connection, Engine
 from sqlalchemy.exc import DBAPIError
 
 from tidemap.errors import DomainError, QueueFullError, ShuttingDownError, StorageUnavailableError
+from tidemap.storage.changes import Changes
 from tidemap.storage.checkpoint import Checkpoints
 from tidemap.storage.counters import take
 from tidemap.storage.gate import Gate
@@ -58,6 +60,7 @@ class Writer:
         self._batch = batch
         self._queue: Queue[_Write[Any, Any] | None] = Queue(queue_length)
         self.outage = OutageTracker("written")
+        self.changes = Changes(engine)
         self._gate = Lock()
         self._closed = False
         self._checkpoints = Checkpoints(engine, gate)
@@ -114,6 +117,7 @@ class Writer:
         if not already:
             self._queue.put(None)
         self._thread.join()
+        self.changes.close()
 
     def _loop(self) -> None:
         open_ = True
@@ -158,7 +162,7 @@ class Writer:
         """Store a group as one; False, and nothing stored, where one of its writes fails, as hardly ever one does."""
         results: list[Any] = []
         try:
-            with self._engine.begin() as connection:
+            with self._transaction() as connection:
                 work = Work.on(connection)
                 for part in _parts(group):
                     results.extend(part[0].run_all(work, [write.item for write in part]))
@@ -176,7 +180,7 @@ class Writer:
     def _commit_apart(self, group: list[_Write[Any, Any]], again: bool = True) -> None:
         """Store what can be stored of a group, each write behind a savepoint, which costs as much as a small write."""
         try:
-            with self._engine.begin() as connection:
+            with self._transaction() as connection:
                 settle = [self._run(connection, write, again) for write in group]
                 if self.outage.reason is not None:
                     # Some writes change nothing; that they succeed does not say that it can be written.
@@ -187,6 +191,17 @@ class Writer:
             return
         for each in settle:
             each()
+
+    @contextmanager
+    def _transaction(self) -> Iterator[Connection]:
+        """A transaction; whatever becomes of it, what it changes is known before anybody hears of that."""
+        with self._engine.connect() as connection:
+            driver = connection.connection.dbapi_connection
+            try:
+                with connection.begin():
+                    yield connection
+            finally:
+                self.changes.committed(driver)
 
     def _run(self, connection: Connection, write: _Write[Any, Any], again: bool) -> Callable[[], None]:
         """Run a write in a savepoint; returns what settles its future once the group is durable.

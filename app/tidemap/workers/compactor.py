@@ -14,6 +14,7 @@ from tidemap.services.pruning import prune
 from tidemap.storage.records import LocationRecord
 from tidemap.workers.election import LeaderElection, LeaderTerm
 from tidemap.workers.maintenance import MaintenanceWorker
+from tidemap.workers.priority import give_way
 from tidemap.workers.retries import Retries
 
 log = logging.getLogger(__name__)
@@ -70,6 +71,7 @@ class Compactor(MaintenanceWorker):
         self._ctx.store.slow_down(slowed_s(self._waiting + self._come_in))
 
     def _round(self) -> None:
+        give_way()
         # Before they are counted: what comes in meanwhile is rather counted twice than not at all.
         self._come_in = 0
         with self._ctx.store.read() as work:

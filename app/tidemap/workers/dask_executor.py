@@ -10,12 +10,13 @@ from threading import Event, Lock
 from time import monotonic
 from typing import TypeVar
 
-from distributed import Client, Future, Security
+from distributed import Client, Future, KilledWorker, Security
 from distributed.client import FutureCancelledError
 from distributed.comm.core import CommClosedError, connect
 
-from tidemap.errors import ClusterUnavailableError, ShuttingDownError
+from tidemap.errors import ClusterUnavailableError, ShuttingDownError, WorkersDiedError
 from tidemap.services.context import Context
+from tidemap.version import __version__
 from tidemap.workers.dask_task import RESOURCE, pack, run_packed
 
 log = logging.getLogger(__name__)
@@ -32,6 +33,9 @@ ALIVE = ("running", "connecting")
 """States of a client that has a scheduler, or looks for the one it lost for a moment."""
 LOST = (CommClosedError, FutureCancelledError, OSError)
 """What a scheduler that is gone looks like."""
+_NO_WORKER = (
+    "No `tidemap worker` of version {version} is at the Dask cluster at {address}. Updates wait for one; start it."
+)
 
 
 class DaskExecutor:
@@ -46,27 +50,32 @@ class DaskExecutor:
         self._lock = Lock()
         self._client: Client | None = None
         self._closed = False
-        self._reached = True
-        self._manned = True
+        self._reason: str | None = None
+        self._listeners: tuple[Callable[[str | None], None], ...] = ()
+
+    def on_wait(self, listener: Callable[[str | None], None]) -> None:
+        """Call `listener` with what tasks wait for, now and then as long as they do, and with None where they run."""
+        self._listeners += (listener,)
 
     def map(self, run: Callable[[Context, Item], Value], items: Iterable[Item]) -> Iterator[Value]:
         """Results in the order of the items.
 
         Raises what a task raised, ShuttingDownError when it is closed before the last, ClusterUnavailableError when
-        the scheduler does not answer. Then tasks that have not begun are taken back.
+        the scheduler does not answer, WorkersDiedError when a task kills what runs it. Then tasks that have not begun
+        are taken back.
         """
         self.check()
-        begun: deque[Future[Value]] = deque()
+        begun: deque[tuple[Item, Future[Value]]] = deque()
         left = iter(items)
         try:
             with self._reaching() as client:
-                begun.extend(_submit(client, run, item) for item in islice(left, self._ahead(client)))
+                begun.extend((item, _submit(client, run, item)) for item in islice(left, self._ahead(client)))
             while begun:
-                yield self._result(begun.popleft())
+                yield self._result(*begun.popleft())
                 with self._reaching() as client:
-                    begun.extend(_submit(client, run, item) for item in islice(left, 1))
+                    begun.extend((item, _submit(client, run, item)) for item in islice(left, 1))
         finally:
-            for future in begun:
+            for _, future in begun:
                 future.release()
 
     def check(self) -> None:
@@ -83,13 +92,15 @@ class DaskExecutor:
         self.request_stop()
         self._disconnect()
 
-    def _result(self, future: "Future[Value]") -> Value:
+    def _result(self, item: Item, future: "Future[Value]") -> Value:
         """What a task returned. Raises what it raised, and what `check` raises while it runs."""
         with self._reaching():
             self._wait(future)
             error = future.exception() if future.status == "error" else None
             if error is None:
                 return future.result()
+        if isinstance(error, KilledWorker):
+            raise WorkersDiedError(str(item), error.last_worker.address) from error
         raise error
 
     def _wait(self, future: "Future[Value]") -> None:
@@ -112,10 +123,16 @@ class DaskExecutor:
             raise CommClosedError
         known = client.sync(client.scheduler.identity, callback_timeout=CONNECT_S)
         threads: int = sum(each["nthreads"] for each in known["workers"].values() if RESOURCE in each["resources"])
-        if self._manned and not threads:
-            log.warning("no `tidemap worker` is at the Dask cluster at %s: updates wait for one", self._address)
-        self._manned = threads > 0
+        self._report(None if threads else _NO_WORKER.format(version=__version__, address=self._address))
         return threads
+
+    def _report(self, reason: str | None) -> None:
+        """Say what tasks wait for, in the log once."""
+        if reason and reason != self._reason:
+            log.warning("%s", reason)
+        self._reason = reason
+        for listener in self._listeners:
+            listener(reason)
 
     @contextmanager
     def _reaching(self) -> Iterator[Client]:
@@ -126,9 +143,7 @@ class DaskExecutor:
             self._disconnect()
             self.check()
             unavailable = ClusterUnavailableError(self._address)
-            if self._reached:
-                log.warning("%s", unavailable)
-            self._reached = False
+            self._report(str(unavailable))
             raise unavailable from error
 
     def _connected(self) -> Client:
@@ -138,7 +153,6 @@ class DaskExecutor:
                 _close(self._client)
                 self._client = None
                 self._client = _connect(self._address)
-                self._reached = True
                 log.info("updates run on the Dask cluster at %s", self._address)
             return self._client
 

@@ -6,8 +6,10 @@ from typing import Any
 
 from distributed import get_worker
 
-RESOURCE = "tidemap"
-"""What tasks ask for, so that other workers of a shared cluster get none of them."""
+from tidemap.version import __version__
+
+RESOURCE = f"tidemap-{__version__}"
+"""What tasks ask for, so that other workers of a shared cluster, and those of another version, get none of them."""
 PLUGIN = "tidemap-context"
 """The plugin of a worker that holds the context of its process, as `ctx`."""
 

@@ -9,6 +9,7 @@ from typing import Protocol, TypeVar
 from tidemap.errors import ShuttingDownError
 from tidemap.services.context import Context
 from tidemap.services.update_task import Executor
+from tidemap.workers.priority import give_way
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")
@@ -34,6 +35,10 @@ class Limited:
 class Pool(Executor, Protocol):
     """An executor of this process's own, which ends it."""
 
+    def on_wait(self, listener: Callable[[str | None], None]) -> None:
+        """Call `listener` with what tasks wait for, and with None where they run."""
+        ...
+
     def request_stop(self) -> None:
         """Let running tasks end and start no more."""
         ...
@@ -54,12 +59,15 @@ def open_executor(ctx: Context) -> Pool:
 
 
 class LocalExecutor:
-    """Threads of this process; the kernels release the GIL."""
+    """Threads of this process, which give way to those that answer; the kernels release the GIL."""
 
     def __init__(self, ctx: Context, threads: int) -> None:
         self._ctx = ctx
-        self._pool = ThreadPoolExecutor(threads, thread_name_prefix="tidemap-update")
+        self._pool = ThreadPoolExecutor(threads, "tidemap-update", give_way)
         self._closed = False
+
+    def on_wait(self, listener: Callable[[str | None], None]) -> None:
+        """Threads are always there: nothing is ever waited for."""
 
     def map(self, run: Callable[[Context, Item], Value], items: Iterable[Item]) -> Iterable[Value]:
         """Results in the order of the items. Raises ShuttingDownError when it is closed before the last."""

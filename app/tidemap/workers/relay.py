@@ -165,14 +165,14 @@ class Relay:
 
 
 @contextmanager
-def relayed(ctx: Context) -> Iterator[None]:
-    """A relay where other processes may work on the same database."""
+def relayed(ctx: Context) -> Iterator[dict[str, Callable[[], bool]]]:
+    """A relay where other processes may work on the same database; whether it is alive, by its name."""
     if make_url(ctx.settings.url).get_backend_name() != "postgresql":
-        yield
+        yield {}
         return
     relay = Relay(ctx)
     relay.start()
     try:
-        yield
+        yield {"relay": relay.alive}
     finally:
         relay.stop()

@@ -7,12 +7,13 @@ from dataclasses import asdict
 from tidemap.events.messages import EventMessage
 from tidemap.events.subscription import EventFilter, listen
 from tidemap.services.context import Context
-from tidemap.services.jobs import claim_job, request_update, requeue_interrupted, run_job
+from tidemap.services.jobs import claim_job, note_waiting, request_update, requeue_interrupted, run_job
 from tidemap.services.update import UpdateRequest
 from tidemap.services.update_task import Executor
-from tidemap.storage.records import LocationRecord, RevisionRecord
+from tidemap.storage.records import JobRecord, LocationRecord, RevisionRecord
 from tidemap.workers.election import LeaderElection, LeaderTerm
 from tidemap.workers.executors import Limited, open_executor
+from tidemap.workers.priority import give_way
 from tidemap.workers.retries import Retries
 from tidemap.workers.worker import Worker
 
@@ -28,6 +29,8 @@ class Updater:
         self._ctx = ctx
         self._election = election
         self._executor = open_executor(ctx)
+        self._executor.on_wait(self._note_waiting)
+        self._running: tuple[Context, JobRecord] | None = None
         self._worker = Worker("updater", min(POLL_S, ctx.settings.updater_interval_s), self._round)
         self._settled: LeaderTerm | None = None
         self._looked = -math.inf
@@ -61,6 +64,7 @@ class Updater:
             self._worker.wake()
 
     def _round(self) -> None:
+        give_way()
         if self._ctx.store.outage() is not None:
             # Nobody may post to a server that is not ready: it has to find out by itself when it can write again.
             self._ctx.store.write(lambda work: None)
@@ -79,10 +83,16 @@ class Updater:
     def _run_jobs(self, ctx: Context, executor: Executor) -> None:
         self._worker.check()
         while (job := claim_job(ctx, frozenset())) is not None:
+            self._running = ctx, job
             report = self._retries.worked if run_job(ctx, job, executor) else self._retries.failed
             if job.request == asdict(UpdateRequest()):
                 report(job.location_id)
             self._worker.check()
+
+    def _note_waiting(self, reason: str | None) -> None:
+        """Only jobs have tasks: it is the one at hand that waits."""
+        if self._running is not None:
+            note_waiting(*self._running, reason)
 
     def _find_work(self, ctx: Context) -> None:
         self._looked = time.monotonic()

@@ -46,7 +46,7 @@ class Robot:
             self.executor.spin_once(timeout_sec=0.05)
 
     def scan(self, said: dict[str, Any]) -> None:
-        """Publish a laser scan, and afterwards its transform."""
+        """Publish a laser scan, and afterwards its transform, unless it has no pose."""
         self.until(self.scans.get_subscription_count)
         scan = LaserScan()
         fill(scan.header, said["stamp"], "laser")
@@ -54,7 +54,8 @@ class Robot:
         scan.range_min, scan.range_max = said["range_min"], said["range_max"]
         scan.ranges = [float(each) for each in said["ranges"]]
         self.scans.publish(scan)
-        self._transform(said, "laser")
+        if said["pose"] is not None:
+            self._transform(said, "laser")
 
     def cloud(self, said: dict[str, Any]) -> None:
         """Publish a cloud of points, and afterwards its transform."""

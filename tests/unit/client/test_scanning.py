@@ -136,8 +136,12 @@ def test_occupancy_grids_keep_their_layout() -> None:
         assert batch.content.endswith(percent.tobytes())
     with pytest.raises(ValueError, match="rotated"):
         occupancy("/locations/lab", 5.0, occupancy_grid(percent, yaw=0.3))
+    unsigned = occupancy("/locations/lab", 5.0, percent.astype(np.uint8))
+    assert next(unsigned.batches()).content.endswith(percent.tobytes()), "255 is -1 without a sign"
     with pytest.raises(ValueError, match="percent"):
         occupancy("/locations/lab", 5.0, percent.astype(np.int16) + 10)
+    with pytest.raises(ValueError, match="shape"):
+        occupancy("/locations/lab", 5.0, percent[0])
 
 
 def state(grid: Grid, cell: Any, probability: Any) -> State:

@@ -272,6 +272,22 @@ async def _none_missed(after: int, limit: int) -> list[EventMessage]:
     return []
 
 
+@pytest.mark.parametrize(
+    ("wanted", "heard"),
+    [
+        (EventFilter(), ["*", "floor-*", "hall"]),
+        (EventFilter("floor-2"), ["*", "floor-*"]),
+        (EventFilter("hall"), ["*", "hall"]),
+        (EventFilter(scope=Scope(("floor-2-*",))), ["*", "floor-*"]),
+        (EventFilter(scope=Scope(("attic",))), ["*"]),
+        (EventFilter(kinds=frozenset({"anomaly"})), []),
+    ],
+)
+def test_what_concerns_several_locations_is_heard_where_one_is_wanted(wanted: EventFilter, heard: list[str]) -> None:
+    said = [message(1, "attention", pattern) for pattern in ("*", "floor-*", "hall")]
+    assert [each.location for each in said if wanted.wants(each)] == heard
+
+
 @pytest.mark.parametrize(("patterns", "heard"), [(None, ["door", "lab"]), (("lab",), ["lab"]), (("do*",), ["door"])])
 def test_only_what_is_in_scope_is_heard(patterns: tuple[str, ...] | None, heard: list[str]) -> None:
     wanted = EventFilter(scope=Scope(patterns))

@@ -95,4 +95,7 @@ def ply_head(table: Rows, kind: str, before: str = "", after: str = "") -> bytes
 
 
 def ply(table: Rows, kind: str) -> bytes:
-    return ply_head(table, kind) + (text(table) if kind == "ascii" else table.tobytes())
+    if kind == "ascii":
+        return ply_head(table, kind) + text(table)
+    swapped = table.astype(table.dtype.newbyteorder(">")) if kind == "binary_big_endian" else table
+    return ply_head(table, kind) + swapped.tobytes()

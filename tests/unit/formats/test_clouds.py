@@ -23,7 +23,7 @@ from tidemap.formats.pcd import MAX_GROWTH
 Read = Callable[[bytes], Points]
 KINDS = ("<f4", "<f8")
 PCD_DATA = ("ascii", "binary", "binary_compressed")
-PLY_KINDS = ("ascii", "binary_little_endian")
+PLY_KINDS = ("ascii", "binary_little_endian", "binary_big_endian")
 CLOUDS = arrays.arrays(
     np.float32,
     st.tuples(st.integers(0, 40), st.just(3)),
@@ -264,7 +264,8 @@ def test_a_wrong_pcd_header_is_refused_in_words(changes: dict[str, str], words: 
     ("old", "new", "words"),
     [
         ("ply\n", "plys\n", "begin with"),
-        ("binary_little_endian", "binary_big_endian", "binary_big_endian 1.0; write"),
+        ("binary_little_endian 1.0", "binary_little_endian 1.1", "1.1; write one of"),
+        ("binary_little_endian", "binary", "binary 1.0; write one of"),
         ("format binary_little_endian 1.0\n", "", "not stated"),
         ("float x", "int x", "int32"),
         ("float x", "half x", "known type"),

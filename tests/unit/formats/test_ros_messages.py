@@ -1,5 +1,7 @@
 """ROS messages of any origin: what is wrong with one is said in words. Right ones are in `tests/unit/importing`."""
 
+from array import array
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -80,11 +82,12 @@ def test_a_wrong_laser_is_refused_in_words(changes: dict[str, float], words: str
 @pytest.mark.parametrize("order", "<>")
 @pytest.mark.parametrize("size", [4, 8])
 def test_clouds_of_any_order_size_and_padding(order: str, size: int) -> None:
-    points = np.arange(18.0).reshape(2, 3, 3)
+    points = np.arange(1.0, 19.0).reshape(2, 3, 3)
     points[1, 1, 2] = np.nan
     found = finite_points(cloud(points, order, size)).points
     assert found.tolist() == [*points[0].tolist(), points[1, 0].tolist(), points[1, 2].tolist()]
     assert finite_points(cloud(np.empty((1, 0, 3)))).points.shape == (0, 3)
+    assert finite_points(cloud(np.zeros((2, 3, 3)))).points.shape == (0, 3), "the sensor itself is no echo"
 
 
 @pytest.mark.parametrize(
@@ -129,3 +132,18 @@ def test_rows_run_along_x(data: list[int]) -> None:
 def test_a_wrong_grid_is_refused_in_words(changes: dict[str, Any], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         occupancy_states(grid(np.zeros(6, np.int8), **changes))
+
+
+@pytest.mark.parametrize("kind", [list, tuple, np.array, partial(array, "b"), partial(np.array, dtype=np.uint8)])
+def test_cells_of_any_kind_of_array_are_read(kind: Any) -> None:
+    data = [0, 25, 65, 100, 26, 0]
+    _, state = occupancy_states(grid(kind(data)))
+    assert state.reshape(3, 2).T.reshape(-1).tolist() == [0, 0, 1, 1, 255, 0]
+    _, unknown = occupancy_states(grid(np.full(6, 255, np.uint8)))
+    assert set(unknown.tolist()) == {255}, "-1 without a sign"
+
+
+@pytest.mark.parametrize("value", [101, 200, -2, -128, 10**9, 2**70, 0.5, np.nan, "a", None, [1, 2]])
+def test_cells_that_are_no_percentage_are_refused_in_words(value: Any) -> None:
+    with pytest.raises(ValueError, match=r"percent|cells|inhomogeneous"):
+        occupancy_states(grid([0, 0, 0, 0, 0, value]))

@@ -55,6 +55,13 @@ class TestTables:
         (snapshot,) = snapshots(file, time_column="when", state_column="note", occupied=frozenset({"a"}), start=10.0)
         assert (snapshot.time.tolist(), snapshot.state.tolist()) == ([1700000010.5, 1700000011.0], [1, 0])
 
+    def test_a_table_of_a_data_frame_is_read(self, tmp_path: Path) -> None:
+        """With quotes around names and texts, and floats because a state is missing."""
+        file = tmp_path / "door.csv"
+        file.write_text('"when, UTC","door"\n"1700000000.0","1.0"\n1700000001.0,\n1700000002.0,0.0\n')
+        (snapshot,) = snapshots(file, time_column="when, UTC", state_column="door")
+        np.testing.assert_array_equal(snapshot.state, [1, np.nan, 0])
+
     def test_the_real_door(self) -> None:
         path = needed("office", "day_1.csv.gz")
         (snapshot,) = snapshots(path, time_column="time_s")
@@ -69,6 +76,7 @@ class TestTables:
             ("time\n1\n", "no column 'state'.*its columns are 'time'"),
             ("time,time,state\n1,2,1\n", "no column 'time', or several"),
             ("time,state\n1\n", "line 2 has 1 fields"),
+            ("time,state\n1,1\n\n2,0,0\n", "line 4 has 3 fields"),
             ("time,state\n1,ajar\n", "row 1: 'ajar' is neither occupied nor free.*--occupied"),
             ("time,state\nnoon,1\n", "row 1 has the time 'noon'"),
             ("time,state\n2026-01-01T00:00:00,1\n", "no time zone"),
@@ -191,8 +199,8 @@ class TestMaps:
         assert snapshot.cell.tolist() == [0, 1, 3, 4, 6, 7, 9, 10]
         assert snapshot.state.tolist() == [1, 0] * 4
         assert report(file, time=7.0).found[0].first == 7.0
-        graded = tmp_path / "graded.zip"
-        graded.write_bytes(nav2.write_graded(FLAT, np.array([1, 0, np.nan] * 4, np.float32)))
+        graded = tmp_path / "graded.zip.gz"
+        graded.write_bytes(gzip.compress(nav2.write_graded(FLAT, np.array([1, 0, np.nan] * 4, np.float32))))
         (again,) = snapshots(graded, FLAT)
         assert again.cell is not None
         assert (again.cell.tolist(), again.state.tolist()) == (snapshot.cell.tolist(), snapshot.state.tolist())
@@ -276,8 +284,8 @@ class TestClouds:
 
     def test_a_cloud_without_a_pose_is_a_problem(self, tmp_path: Path) -> None:
         folder = folder_of_clouds(tmp_path)
-        (folder / "c.pcd").write_bytes(pcd(rows(POINTS), "ascii"))
-        assert "c.pcd has no row in poses.csv" in report(folder).problems[0]
+        (folder / "c.pcd.gz").write_bytes(gzip.compress(pcd(rows(POINTS), "ascii")))
+        assert "c.pcd.gz has no row in poses.csv" in report(folder).problems[0]
         assert not report(folder, skip_missing=True).problems
         other = tmp_path / "other.txt"
         (folder / "poses.csv").rename(other)

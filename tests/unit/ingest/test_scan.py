@@ -47,7 +47,7 @@ def test_infinity_clears_up_to_the_range_and_the_rest_is_left_out() -> None:
 
 
 def test_points_without_all_their_numbers_are_left_out() -> None:
-    points = np.array([[1, 0, 0], [NAN, 1, 1], [1, INF, 0], [0, 0, 1e300]])
+    points = np.array([[1, 0, 0], [NAN, 1, 1], [1, INF, 0], [0, 0, 1e300], [0, 0, 0]])
     assert scan_of(SentScan(header(), points=points), GRID).points.tolist() == [[1, 0, 0]]
 
 
@@ -76,6 +76,8 @@ ROOT = np.sqrt(0.5)
         (SentScan(header(covariance=(-np.eye(6)).tolist()), POINT), "covariance", "negative"),
         (SentScan(header(covariance=np.tri(6).tolist()), POINT), "covariance", "symmetric"),
         (SentScan(header(), np.full((3, 3), NAN)), "points", "NaN"),
+        (SentScan(header(), np.zeros((3, 3))), "points", "the sensor itself"),
+        (SentScan(header(angles=[1.0], range_min=5.0, range_max=2.0), ranges=np.ones(1)), "range_min", "swap"),
         (SentScan(header(), POINT * 2, None), "map_from_sensor", ""),
         (SentScan(header(angles=[1.0]), POINT), "angles", "ranges"),
         (SentScan(header(), ranges=np.ones(3)), "angle_min", "need"),
@@ -104,3 +106,14 @@ def test_a_sensor_outside_that_looks_in_is_no_error() -> None:
     scan = scan_of(SentScan(header(map_from_sensor=[-1.0, *HERE[1:]]), np.array([[2.0, 0, 0]])), GRID)
     refuse_outside(scan, GRID)
     assert len(scan.cast(GRID).cell) == 3
+
+
+def test_a_sensor_outside_that_looks_through_sees_what_is_free() -> None:
+    """As through the open door of a room that has a small grid of its own."""
+    through = scan_of(SentScan(header(map_from_sensor=[-1.0, *HERE[1:]]), np.array([[12.0, 0, 0]])), GRID)
+    refuse_outside(through, GRID)
+    seen = through.cast(GRID)
+    assert (len(seen.cell), set(seen.state.tolist())) == (20, {0})
+    past = scan_of(SentScan(header(map_from_sensor=[-1.0, -1.0, *HERE[2:]]), np.array([[12.0, 0, 0]])), GRID)
+    with pytest.raises(InvalidInputError, match="no ray crosses it"):
+        refuse_outside(past, GRID)

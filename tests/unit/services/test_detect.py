@@ -7,7 +7,8 @@ from tests.support.contexts import make_location, post_rows, post_states, refit
 from tests.support.truth import share
 from tidemap.errors import AnomalyNotFoundError, InvalidInputError, LocationNotFoundError, NoModelError
 from tidemap.services import detect as detect_module
-from tidemap.services.anomalies import EventQuery, acknowledge, list_events
+from tidemap.services.acknowledging import acknowledge
+from tidemap.services.anomalies import EventQuery, list_events
 from tidemap.services.context import Context
 from tidemap.services.detect import DetectQuery, detect
 from tidemap.services.locations import delete_location

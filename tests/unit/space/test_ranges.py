@@ -55,3 +55,24 @@ def test_a_scan_that_is_posted_sees_the_cells_of_one_that_is_imported(
         assert not len(imported.points)
         return
     assert (seen.cell.tolist(), seen.state.tolist()) == (truth.cell.tolist(), truth.state.tolist())
+
+
+@pytest.mark.parametrize("limit", [8.1, 8.2, 8.3])
+@pytest.mark.parametrize("written", [float, np.float32], ids=["as it is meant", "as a float32"])
+def test_a_range_at_a_limit_is_measured_in_every_direction(limit: float, written: Any) -> None:
+    """Which neither the rounding of a float32 nor that of cosines decides."""
+    grid = GridGeometry("map", (0.0, 0.0, 0.0), 0.05, (400, 400))
+    pose: list[Any] = [10.013, 10.021, 0.0, 0.0, 0.0, 0.0, 1.0]
+    ranges, high = np.full(720, limit, np.float32), float(written(limit))
+    angles: dict[str, Any] = {"angle_min": 0.0, "angle_increment": np.pi / 360}
+    whole = ScanHeader(time=0.0, map_from_sensor=pose, **angles)
+    truth = scan_of(SentScan(whole, ranges=ranges), grid).cast(grid)
+    for said in ({"range_max": high}, {"max_range": high}, {"range_min": high, "range_max": 9.0}):
+        scan = scan_of(SentScan(whole.model_copy(update=said), ranges=ranges), grid)
+        assert len(scan.returns) == 720, said
+        seen = scan.cast(grid)
+        assert (seen.cell.tolist(), seen.state.tolist()) == (truth.cell.tolist(), truth.state.tolist()), said
+    imported = laser_points(SimpleNamespace(ranges=ranges, range_min=0.0, range_max=high, **angles))
+    ends = imported.points + pose[:3]
+    hit = cast_rays(grid, np.array(pose[:3]), ends, max_range_m=imported.max_range_m).state.sum()
+    assert hit == truth.state.sum()

@@ -23,10 +23,10 @@ def detector(miss: float = 0.1, false_alarm: float = 0.2) -> Detector:
     return Detector(Sensor(miss, false_alarm), MINUTE)
 
 
-def after(states: list[int], rates: Detector, p: float = 0.45, hold: int = 0) -> Beliefs:
+def after(states: list[int], rates: Detector, p: float = 0.45) -> Beliefs:
     """What is believed of one cell after these samples."""
     sequences = Sequences.of(History.from_states(np.array([states], np.uint8)))
-    return Beliefs.none(1, rates).filtered(sequences, np.full(len(sequences.sample), p, np.float32), hold)
+    return Beliefs.none(1, rates).filtered(sequences, np.full(len(sequences.sample), p, np.float32))
 
 
 @given(miss=RATE, false_alarm=RATE, p=st.floats(0.01, 0.99), read=st.sampled_from([0, 1]))
@@ -73,14 +73,14 @@ def test_far_ahead_it_is_the_rhythm_of_the_state() -> None:
     np.testing.assert_allclose(found, detector().sensor.state_probability(p), atol=2e-3)
 
 
-@given(states=STATES, cut=st.integers(0, 60), hold=st.sampled_from([0, 3]), seed=st.integers(0, 99))
-def test_going_on_is_beginning_anew_bit_for_bit(states: np.ndarray, cut: int, hold: int, seed: int) -> None:
+@given(states=STATES, cut=st.integers(0, 60), seed=st.integers(0, 99))
+def test_going_on_is_beginning_anew_bit_for_bit(states: np.ndarray, cut: int, seed: int) -> None:
     sequences = Sequences.of(History.from_states(states))
     p = np.random.default_rng(seed).random(len(sequences.sample)).astype(np.float32)
-    whole = Beliefs.none(3, detector()).filtered(sequences, p, hold)
+    whole = Beliefs.none(3, detector()).filtered(sequences, p)
     parts = Beliefs.none(3, detector())
     for chosen in (sequences.sample < cut, sequences.sample >= cut):
-        parts = parts.filtered(sequences.select(chosen), p[chosen], hold)
+        parts = parts.filtered(sequences.select(chosen), p[chosen])
     for mine, other in ((parts.signed, whole.signed), (parts.sample, whole.sample), (parts.p, whole.p)):
         np.testing.assert_array_equal(mine, other)
     np.testing.assert_array_equal(parts.age, whole.age)
@@ -123,12 +123,12 @@ def test_what_is_believed_after_every_reading_is_what_they_say_so_far(
     sequences = Sequences.of(History.from_states(states))
     p = (0.2 + sequences.sample % 7 / 10).astype(np.float32)
     nothing = Beliefs.none(3, detector())
-    every = nothing.traced(sequences, p, hold)
+    every = nothing.traced(sequences, p)
     asked = sequences.sample + ahead
     found = every.ahead(p, asked, ahead // 2, hold)
     for j, (cell, sample) in enumerate(zip(sequences.cell.tolist(), sequences.sample.tolist(), strict=True)):
         so_far = (sequences.cell < cell) | (sequences.sample <= sample)
-        known = nothing.filtered(sequences.select(so_far), p[so_far], hold).rows(np.array([cell]))
+        known = nothing.filtered(sequences.select(so_far), p[so_far]).rows(np.array([cell]))
         for mine, expected in zip((every.signed[j], every.age[:, j]), (known.signed[0], known.age[:, 0]), strict=True):
             np.testing.assert_array_equal(mine, expected)
         standing = Standing(hold, sample + ahead - ahead // 2)
@@ -137,7 +137,7 @@ def test_what_is_believed_after_every_reading_is_what_they_say_so_far(
 
 def test_what_is_held_stands() -> None:
     p = np.full((1, 4), 0.5, np.float32)
-    now = after([1, 1, 1], detector(), hold=50)
+    now = after([1, 1, 1], detector())
     found = now.condition(p, np.array([2, 40, 52, 400]), Standing(50, 10**6))[0]
     assert found[0] == pytest.approx(found[2], abs=1e-3)
     assert found[3] < found[2]

@@ -31,11 +31,11 @@ def read_by(
     return np.where(random.random(truth.shape) < seen, truth ^ wrong, UNOBSERVED).astype(np.uint8)
 
 
-def learned(states: NDArray[np.uint8], given: Sensor | None = None, hold: int = 0) -> Detector:
+def learned(states: NDArray[np.uint8], given: Sensor | None = None) -> Detector:
     history = History.from_states(np.atleast_2d(states))
     sequences = Sequences.of(history)
     p = predict_readings(fit(history, "static", 0, MINUTES), np.arange(history.n_cells), sequences, MINUTES)
-    return learn_detector(ReadCells(sequences, p.astype(np.float64), hold), 60.0, given)
+    return learn_detector(ReadCells(sequences, p.astype(np.float64)), 60.0, given)
 
 
 @pytest.mark.parametrize("true", [Sensor(0.1, 0.1), Sensor(0.25, 0.03), Sensor(0.02, 0.2), Sensor(0.0, 0.0)])

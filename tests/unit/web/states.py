@@ -1,20 +1,26 @@
 """A state as the services answer it, and a source of such states."""
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from dataclasses import fields, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tests.support.records import location_record
 from tidemap.errors import LocationNotFoundError
 from tidemap.history.history import NEVER, UNOBSERVED
 from tidemap.services.anomalies import Anomaly
+from tidemap.services.building import PosedState
 from tidemap.services.context import Loaded, Seen
 from tidemap.services.films import Watch
 from tidemap.services.locations import LocationSummary
-from tidemap.services.map_view import MapQuery, MapView, unmodelled
+from tidemap.services.map_view import MapQuery, MapView, day_of, unmodelled
+from tidemap.services.robots import SensorTrack
+from tidemap.services.spectra import Fitted
 from tidemap.space.grid import GridGeometry
+from tidemap.space.pose import Pose
 from tidemap.spectral.recipe import Recipe
+from tidemap.storage.records import LocationRecord
 
 NOW = 1_800_000_000.0
 DOOR = "door"
@@ -71,6 +77,9 @@ class FakeSource:
         self.without_model = without_model
         self.asked: list[MapQuery] = []
         self.at_hand = True
+        self.days: list[float] = []
+        self.doors: list[LocationRecord] = []
+        self.scanned = False
         self._loaded: Loaded | None = None
 
     def now(self) -> float:
@@ -111,3 +120,20 @@ class FakeSource:
 
     def events(self, name: str, start: float) -> list[Anomaly]:
         return []
+
+    def day_amplitude(self, view: MapView) -> NDArray[np.float32]:
+        self.days.append(day_of(view))
+        return np.asarray(view.probability / 2, np.float32)
+
+    def posed(self, frame: str) -> list[Fitted]:
+        return [Fitted(door, unmodelled(door, np.zeros(1, np.int64))) for door in self.doors]
+
+    def posed_at(self, models: Sequence[Fitted], time: float) -> list[PosedState]:
+        return [PosedState(model.location, 0.5, 1, time) for model in models]
+
+    def has_scans(self, location: LocationSummary) -> bool:
+        return self.scanned
+
+    def tracks(self, location: LocationSummary, start: float, stop: float) -> list[SensorTrack]:
+        poses = [Pose.of([1.0, 2.0, float(i), 0, 0, 0, 1]) for i in range(2)]
+        return [SensorTrack("spot", np.array([NOW - 60, NOW]), poses)]

@@ -9,7 +9,8 @@ import pytest
 from tests.unit.web.states import NOW, map_view
 from tidemap.space.grid import GridGeometry
 from tidemap_web.viewer import colors
-from tidemap_web.viewer.board import Board, Picture, Taste
+from tidemap_web.viewer.board import WHOLE, Board, Picture, Taste
+from tidemap_web.viewer.layers import MIN_SWING
 from tidemap_web.viewer.painting import RECOLOURED, RESHAPED, TILE
 
 GRID = GridGeometry("map", (0.0, 0.0, 0.0), 0.5, (2, 3, 4))
@@ -81,9 +82,25 @@ def test_without_sightings_nothing_is_observed() -> None:
     assert colored(painted({0: 1.0})[0], RIGHT) == {}
 
 
-def test_a_slice_shows_some_heights() -> None:
-    board, _ = painted({0: 1.0, 1: 1.0, 2: 1.0, 3: 1.0}, taste=Taste(low=1, high=2))
-    assert sorted(colored(board, LEFT)) == [1, 2]
+def test_a_crop_shows_the_cells_of_a_box() -> None:
+    view = map_view(GRID, dict.fromkeys(range(GRID.n_cells), 1.0))
+    board = Board(GRID, view)
+    for crop, shown in (
+        ((0, 0, 1, 9, 9, 2), [cell for cell in range(GRID.n_cells) if 1 <= cell % 4 <= 2]),
+        ((1, 1, 0, 1, 1, 9), [16, 17, 18, 19]),
+        (WHOLE, list(range(GRID.n_cells))),
+    ):
+        board.paint(view, view.seen, Taste(crop=crop))
+        assert sorted(colored(board, LEFT)) == shown
+
+
+def test_the_amplitude_of_the_day_is_shown_where_there_is_one_and_walls_stay_grey() -> None:
+    view = map_view(GRID, {0: 0.99, 1: 0.5, 2: 0.5, 3: 0.5}, mean={0: 0.99})
+    board = Board(GRID, view)
+    swing = np.full(GRID.n_cells, np.nan, np.float32)
+    swing[[0, 1, 2, 3]] = (0.0, 2 / np.pi, 1 / np.pi, MIN_SWING / 2)
+    board.paint(view, view.seen, Taste(predicted="day", floor=0.9), swing)
+    assert colored(board, LEFT) == {0: colors.STRUCTURE[0], 1: of(1.0), 2: of(0.5)}
 
 
 def test_verdicts_are_three_and_entropy_is_highest_in_the_middle() -> None:

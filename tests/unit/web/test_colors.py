@@ -22,6 +22,8 @@ MARKS: dict[str, Any] = {
     "free, expected occupied": [colors.MISSING],
     "not judged": [colors.STALE],
     "always occupied": WALLS,
+    "where a sensor was": [colors.TRACK],
+    "the chosen cell": [colors.SELECTED],
     "the ground": [colors.BACKGROUND],
 }
 LEGEND: dict[str, Any] = {"probability": colors.SCALE, **MARKS}

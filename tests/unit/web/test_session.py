@@ -6,12 +6,17 @@ from contextlib import contextmanager
 from types import SimpleNamespace
 from typing import Any, cast
 
+import numpy as np
 import pytest
 import viser
 
+from tests.support.records import location_record
 from tests.support.waiting import WAIT_S
 from tests.unit.web.states import DOOR, NOW, FakeSource, location
-from tidemap_web.viewer.messages import Aim, Select, ViewRequest, parse
+from tidemap.space.pose import FramedPosition
+from tidemap_web.viewer import colors
+from tidemap_web.viewer.messages import Aim, Hover, Select, ViewRequest, parse
+from tidemap_web.viewer.picking import Ray
 from tidemap_web.viewer.scene import Scene
 from tidemap_web.viewer.session import Session
 
@@ -48,6 +53,8 @@ class FakeScene(Scene):
         self.client = cast(viser.ClientHandle, SimpleNamespace(atomic=self._atomic, flush=lambda: None))
         self.layout: Any = None
         self.drawn: list[str] = []
+        self.around: Any = None
+        self.cropped: Any = None
         self.gate = threading.Event()
         self.gate.set()
         self.fails: Exception | None = None
@@ -78,6 +85,16 @@ class FakeScene(Scene):
 
     def outline(self, boxes: Any) -> None:
         self.drawn.append("outline")
+
+    def surround(self, around: Any) -> None:
+        self.around = around
+
+    def crop(self, bounds: Any) -> None:
+        self.cropped = bounds
+
+    def ray(self, at: tuple[float, float]) -> Ray:
+        down = np.diag([1.0, -1.0, -1.0])
+        return Ray(np.array([1 + at[0], 2 + at[1] * 1.5, 99.0]), np.array([0.0, 0.0, -1.0]), down)
 
     def select(self, index: Any) -> None:
         self.drawn.append("select" if index is not None else "-")
@@ -271,6 +288,57 @@ def test_a_location_that_is_no_grid_is_said_to_be_none(page: Page) -> None:
     with running(FakeSource("lab"), page) as session:
         session.ask(ViewRequest(location=DOOR))
         assert page.last("notice")["reason"] == "no-grid"
+
+
+def test_what_is_under_the_pointer_is_said_without_painting(page: Page) -> None:
+    source = FakeSource("lab")
+    with running(source, page) as session:
+        session.attach(FakeScene())
+        session.ask(ViewRequest(time=NOW))
+        page.last("frame", lambda frame: frame["drawn"])
+        asked = len(source.asked)
+        session.ask(Hover(kind="hover", at=[0.25, 0.5]))
+        hovered = page.last("hovered")
+        assert (hovered["at"], hovered["cell"]["index"], hovered["cell"]["observed"]) == ((0.25, 0.5), [0, 1, 1], 0)
+        session.ask(Hover(kind="hover", at=[0.9, 0.1]))
+        assert page.last("hovered", lambda found: found["at"] == (0.9, 0.1))["cell"] is None
+        assert len(source.asked) == asked
+
+
+def test_doors_stand_in_their_building_and_sensors_where_they_were(page: Page) -> None:
+    source, scene = FakeSource("lab"), FakeScene()
+    pose = FramedPosition("map", (1.25, 2.25, 3.5))
+    source.doors, source.scanned = [location_record(name=DOOR, pose=pose, last_time=NOW)], True
+    with running(source, page) as session:
+        session.attach(scene)
+        session.ask(ViewRequest(time=NOW))
+        (marker,) = page.last("markers")["items"]
+        assert (marker["name"], marker["verdict"], marker["observed"]) == (DOOR, "uncertain", 1)
+        assert marker["colors"] == [colors.css(colors.UNCERTAIN), colors.css(colors.OCCUPIED)]
+        page.last("frame", lambda frame: frame["drawn"])
+        (track,) = scene.around.tracks
+        assert (track.source, track.points.tolist()) == ("spot", [[1, 2, 0], [1, 2, 1]])
+        session.ask(Hover(kind="hover", at=[0.25, 1 / 6]))
+        assert page.last("hovered")["marker"]["name"] == DOOR
+        session.pick(scene.ray((0.25, 1 / 6)))
+        assert page.last("picked") == {"kind": "picked", "cell": None, "marker": DOOR}
+        page.told.clear()
+        session.notify(SEEN_THERE["lab"] | {DOOR: frozenset({"observation"})})
+        page.last("frame")
+        session.ask(ViewRequest(time=NOW - 30))
+        page.last("frame", lambda frame: frame["time"] == NOW - 30)
+        assert [track.points.tolist() for track in scene.around.tracks] == [[[1, 2, 0]]]
+
+
+def test_the_amplitude_of_a_day_is_worked_out_once_and_a_crop_is_framed(page: Page) -> None:
+    source, scene = FakeSource("lab"), FakeScene()
+    with running(source, page) as session:
+        session.attach(scene)
+        for hour in (0, 1, 25):
+            session.ask(ViewRequest(time=NOW - 3600 * hour, predicted="day", crop=[0, 0, 1, 1]))
+            page.last("frame", lambda frame, hour=hour: frame["time"] == NOW - 3600 * hour)  # type: ignore[misc]
+        assert source.days == [NOW - NOW % 86400, NOW - NOW % 86400 - 86400]
+        assert scene.cropped == (1.0, 2.5, 3.0, 1.5, 3.0, 5.0)
 
 
 @pytest.mark.parametrize(

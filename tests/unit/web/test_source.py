@@ -30,6 +30,8 @@ def test_a_limited_key_sees_its_locations_only(tmp_path: Path) -> None:
             lambda source, name: source.load(MapQuery(name, NOW), lambda _: None),
             lambda source, name: source.events(name, 0.0),
         )
+        make_location(ctx, "gate", pose={"frame": "map", "position": [0, 0, 0]})
+        assert [len(source.posed("map")) for source in (everything, limited)] == [1, 0]
         for ask in questions:
             ask(limited, "hall")
             ask(everything, "yard")

@@ -8,8 +8,9 @@ from fastapi import Request, Response
 from fastapi.responses import RedirectResponse
 from starlette.requests import HTTPConnection
 
-from tidemap.api.auth import COOKIE, authenticate, counting_wrong_keys, refuse_other_sites
+from tidemap.api.auth import COOKIE, authenticate, counting_wrong_keys
 from tidemap.api.errors import domain_response
+from tidemap.api.origins import refuse_other_sites
 from tidemap.api.scopes import check_name
 from tidemap.errors import DomainError, ForbiddenError, UnauthorizedError
 from tidemap.scope import Scope
@@ -17,7 +18,7 @@ from tidemap.services.context import Context
 from tidemap.services.keys import OPEN, SESSION_S, Principal, allows, by_secret, end_session, start_session
 
 _PAGE = re.compile(
-    r"/(\?[^\\#]*)?|/anomalies(\?[^\\#]*)?|/new|/locations/[^/\\?#]+(\?[^\\#]*)?|/view/?(\?[^\\#]*)?|/api/docs"
+    r"/(\?[^\\#]*)?|/anomalies(\?[^\\#]*)?|/new|/locations/[^/\\?#]+(/report)?(\?[^\\#]*)?|/view/?(\?[^\\#]*)?|/api/docs"
 )
 NO_STORE = {"Cache-Control": "no-store"}
 

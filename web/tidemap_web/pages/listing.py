@@ -31,10 +31,10 @@ class LocationList:
     page: int = 1
 
     @classmethod
-    def of(cls, query: Mapping[str, str]) -> "LocationList":
+    def read(cls, query: Mapping[str, str]) -> "LocationList":
         """From the query of an address.
 
-        >>> LocationList.of({"q": " lab ", "sort": "seen", "order": "down", "page": "x"})
+        >>> LocationList.read({"q": " lab ", "sort": "seen", "order": "down", "page": "x"})
         LocationList(q='lab', alarmed=False, sort='seen', descending=True, page=1)
         """
         sort: Sort = next((each for each in SORTS if each == query.get("sort")), "name")
@@ -78,8 +78,10 @@ class LocationList:
 
 @dataclass(frozen=True, slots=True)
 class AnomalyList:
-    """Which of the anomalies are listed: of locations whose names contain `q`, of the last days, before an id."""
+    """Which of the anomalies are listed: of the location `of`, or of those whose names contain `q`; of the last days,
+    before an id."""
 
+    of: str | None = None
     q: str = ""
     state: States = "open"
     days: int | None = None
@@ -87,16 +89,17 @@ class AnomalyList:
     before: int | None = None
 
     @classmethod
-    def of(cls, query: Mapping[str, str]) -> "AnomalyList":
+    def read(cls, query: Mapping[str, str]) -> "AnomalyList":
         """From the query of an address.
 
-        >>> AnomalyList.of({"q": "lab", "state": "all", "days": "7", "surprise": "0.95", "before": "12"})
-        AnomalyList(q='lab', state='all', days=7, surprise=0.95, before=12)
-        >>> AnomalyList.of({"state": "x", "days": "8", "surprise": "nan", "before": "-3"})
-        AnomalyList(q='', state='open', days=None, surprise=0.0, before=None)
+        >>> AnomalyList.read({"q": "lab", "state": "all", "days": "7", "surprise": "0.95", "before": "12"})
+        AnomalyList(of=None, q='lab', state='all', days=7, surprise=0.95, before=12)
+        >>> AnomalyList.read({"of": "lab", "state": "x", "days": "8", "surprise": "nan", "before": "-3"})
+        AnomalyList(of='lab', q='', state='open', days=None, surprise=0.0, before=None)
         """
         state: States = next((each for each in STATES if each == query.get("state")), "open")
         return cls(
+            query.get("of") or None,
             _search(query),
             state,
             next((each for each in DAYS if str(each) == query.get("days")), None),
@@ -115,8 +118,8 @@ class AnomalyList:
 
     def query(self) -> str:
         """For an address."""
-        said = {"q": self.q, "state": self.state if self.state != "open" else "", "days": self.days or ""}
-        return _query(said | {"surprise": self.surprise or "", "before": self.before or ""})
+        said = {"of": self.of or "", "q": self.q, "state": self.state if self.state != "open" else ""}
+        return _query(said | {"days": self.days or "", "surprise": self.surprise or "", "before": self.before or ""})
 
 
 def _search(query: Mapping[str, str]) -> str:

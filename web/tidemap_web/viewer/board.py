@@ -44,18 +44,21 @@ ALWAYS: Final = 0.95
 EXACT_FLOAT16: Final = 1024
 """Halves of numbers up to this are exact in float16."""
 NO_LAYER: Final = Layer(-1, np.zeros(1, np.uint16), walls=False)
+NO_SWING: Final = np.zeros(1, np.float32)
+Crop = tuple[int, int, int, int, int, int]
+"""The lowest [i, j, k] that is shown, and the highest."""
+WHOLE: Final[Crop] = (0, 0, 0, 65535, 65535, 65535)
 
 
 @dataclass(frozen=True, slots=True)
 class Taste:
-    """What to show: predicted cells with p >= `floor`, of heights `low` to `high` in grid steps; sightings up to
-    `fresh_s` old are judged. With `dim` what is always occupied is grey, and only what changes is coloured."""
+    """What to show: predicted cells with p >= `floor`, within `crop`; sightings up to `fresh_s` old are judged. With
+    `dim` what is always occupied is grey, and only what changes is coloured."""
 
     floor: float = 0.1
     fresh_s: float = 3600.0
     dim: bool = True
-    low: int = 0
-    high: int = 65535
+    crop: Crop = WHOLE
     layout: LayoutName = "beside"
     predicted: PredictedName = "probability"
     observed: ObservedName = "seen"
@@ -107,9 +110,11 @@ class Board:
         self.precision = np.dtype(np.float16 if exact else np.float32)
         self._point = (self.index + 0.5).astype(self.precision)
         self._grey = colors.code_of_height(_height(self.index))
-        self._height = self.index[:, 2].astype(np.uint16)
+        self._inside: NDArray[np.bool_] = np.ones(len(self.cell), np.bool_)
+        self._crop = WHOLE
         self._always = usual(view.loaded) >= ALWAYS
         self._unseen = Seen(np.full(grid.n_cells, UNOBSERVED, np.uint8), np.full(grid.n_cells, NEVER, np.int64))
+        self._row: NDArray[np.int32] | None = None
         self.codes = np.full((2, len(self.cell)), HIDDEN, np.uint16)
 
     @property
@@ -117,19 +122,23 @@ class Board:
         """Tiles of one grid."""
         return -(-len(self.cell) // TILE)
 
-    def paint(self, view: MapView, seen: Seen | None, taste: Taste) -> Picture:
-        """Colour every cell for a view of this revision; some 5 ms for a million cells."""
+    def paint(self, view: MapView, seen: Seen | None, taste: Taste, swing: NDArray[np.float32] = NO_SWING) -> Picture:
+        """Colour every cell for a view of this revision; some 5 ms for a million cells.
+
+        swing (n_cells,): the amplitude of p over the day, where a layer shows it.
+        """
         base, seen = view.location.base, seen or self._unseen
         changed, counts = np.zeros((2, self.n_tiles), np.uint8), np.zeros(COUNTS, np.int64)
         left, right = taste.layers()
         paint(
-            *(self.cell, self._grey, self._height),
+            *(self.cell, self._grey, self._within(taste.crop)),
             view.probability,
+            swing,
             seen.state,
             seen.sample,
             self._always,
             (np.float32(view.confidence), np.float32(1 - view.confidence), np.float32(taste.floor)),
-            (*_samples(base, view.time, taste.fresh_s), taste.low, taste.high),
+            _samples(base, view.time, taste.fresh_s),
             taste.dim,
             (left.source, right.source),
             (left.walls, right.walls),
@@ -146,11 +155,27 @@ class Board:
             structure=int(counts[WALLS]),
         )
 
+    def _within(self, crop: Crop) -> NDArray[np.bool_]:
+        """Which cells are not cut away: worked out once a crop."""
+        if crop != self._crop:
+            self._inside = np.asarray(((self.index >= crop[:3]) & (self.index <= crop[3:])).all(axis=1))
+            self._crop = crop
+        return self._inside
+
     def shown(self, side: int, tile: int | None = None) -> NDArray[np.intp]:
         """The rows that one grid, or one tile of it, shows."""
         first = 0 if tile is None else tile * TILE
         stop = None if tile is None else first + TILE
         return first + np.flatnonzero(self.codes[side, first:stop] != HIDDEN)
+
+    def shown_of(self, side: int, cells: NDArray[np.int64]) -> NDArray[np.intp]:
+        """The rows of those of some cells that one grid shows."""
+        if self._row is None:
+            self._row = np.full(self.grid.n_cells, -1, np.int32)
+            self._row[self.cell] = np.arange(len(self.cell))
+        rows = self._row[cells].astype(np.intp)
+        rows = rows[rows >= 0]
+        return np.asarray(rows[self.codes[side, rows] != HIDDEN])
 
     def points(self, rows: NDArray[np.intp]) -> NDArray[np.floating]:
         """(m, 3) the centres of cells in grid steps."""
@@ -176,8 +201,22 @@ def _samples(base: TimeBase, time: float, fresh_s: float) -> tuple[int, int]:
 def warm() -> None:
     """Compile what paints, or load it from the cache on disk, before somebody waits for it."""
     none, codes, tiles = np.zeros(1, np.uint16), np.zeros((2, 1), np.uint16), np.zeros((2, 1), np.uint8)
-    known = (np.ones(1, np.float32), np.zeros(1, np.uint8), np.zeros(1, np.int64), np.zeros(1, np.bool_))
-    limits, moment = (np.float32(0.5),) * 3, (0, 0, 0, 0)
+    known = (np.ones(1, np.float32), NO_SWING, np.zeros(1, np.uint8), np.zeros(1, np.int64), np.zeros(1, np.bool_))
+    limits, moment = (np.float32(0.5),) * 3, (0, 0)
     layers = ((-1, -1), (False, False), none, none)
     over, ages, counts = np.zeros(MARKS, np.uint16), np.zeros(1, np.int64), np.zeros(COUNTS, np.int64)
-    paint(np.zeros(1, np.int32), none, none, *known, limits, moment, False, *layers, over, ages, codes, tiles, counts)
+    paint(
+        np.zeros(1, np.int32),
+        none,
+        np.ones(1, np.bool_),
+        *known,
+        limits,
+        moment,
+        False,
+        *layers,
+        over,
+        ages,
+        codes,
+        tiles,
+        counts,
+    )

@@ -18,7 +18,10 @@ UNEXPECTED: Rgb = (221, 80, 16)  # observed occupied where the prediction says f
 MISSING: Rgb = (87, 200, 255)  # observed free where the prediction says occupied
 STALE: Rgb = (93, 58, 6)  # last seen occupied, too long ago to be judged
 STRUCTURE: tuple[Rgb, Rgb] = ((76, 73, 78), (97, 96, 95))  # what is always occupied, lowest to highest
-SELECTED: Rgb = (255, 70, 220)
+SELECTED: Rgb = (162, 96, 255)
+UNKNOWN: Rgb = STRUCTURE[1]  # a door or a room without a model, or never seen
+CROP: Rgb = (120, 126, 136)
+TRACK: Rgb = (235, 255, 250)  # where a sensor has been
 
 
 def rgb(hexadecimal: str) -> Rgb:
@@ -52,6 +55,11 @@ SCALE: NDArray[np.uint8] = _scale()
 
 OCCUPIED: Rgb = (int(SCALE[255, 0]), int(SCALE[255, 1]), int(SCALE[255, 2]))
 """Observed occupied, as expected: the colour of certainty."""
+
+
+UNCERTAIN: Rgb = (int(SCALE[128, 0]), int(SCALE[128, 1]), int(SCALE[128, 2]))
+FREE: Rgb = (int(SCALE[26, 0]), int(SCALE[26, 1]), int(SCALE[26, 2]))
+"""Verdicts, as the scale has 0.5 and 0.1."""
 
 
 def _greys() -> NDArray[np.uint8]:

@@ -1,7 +1,8 @@
 """Layers as data: what the cells of a grid are coloured by. Another one is another entry of `PREDICTED` or `OBSERVED`.
 
 A layer is a table from what is known of a cell to a code of the palette: of predicted layers by verdict and
-probability, of observed ones by mark and age, of differences by what was seen less what was expected.
+probability, or by the amplitude of p over the day; of observed ones by mark and age, of differences by what was seen
+less what was expected.
 """
 
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from tidemap.spectral.prediction import FREE_VERDICT, OCCUPIED_VERDICT, UNCERTAI
 from tidemap_web.viewer import colors
 from tidemap_web.viewer.painting import (
     BY_AGE,
+    BY_DAY,
     BY_DIFFERENCE,
     BY_MARK,
     BY_PROBABILITY,
@@ -23,10 +25,11 @@ from tidemap_web.viewer.painting import (
     MISSING,
     OCCUPIED,
     STALE,
+    SWING,
     UNEXPECTED,
 )
 
-PredictedName: TypeAlias = Literal["probability", "verdict", "entropy"]
+PredictedName: TypeAlias = Literal["probability", "verdict", "entropy", "day"]
 ObservedName: TypeAlias = Literal["seen", "age"]
 LayoutName: TypeAlias = Literal["beside", "overlay", "difference"]
 MINUTE_S, HOUR_S, DAY_S = 60.0, 3600.0, 86400.0
@@ -37,6 +40,8 @@ AGES_S: Final = (
 """Where ages of what was seen have another colour."""
 NEAR: Final = 0.25
 """What was seen and is no further from what was expected is not shown as a difference."""
+MIN_SWING: Final = 0.05
+"""What has a lower amplitude over the day is not shown in that layer."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,11 +85,19 @@ def _differences() -> NDArray[np.uint16]:
     return codes
 
 
+def _days() -> NDArray[np.uint16]:
+    """By the amplitude of p over a day, from 0 to `SWING`."""
+    codes = colors.code_of_probability(_LEVEL)
+    codes[_LEVEL * SWING < MIN_SWING] = HIDDEN
+    return codes
+
+
 _LEVEL = np.arange(LEVELS) / (LEVELS - 1)
 PREDICTED: dict[PredictedName, Layer] = {
     "probability": Layer(BY_PROBABILITY, _by_probability(colors.code_of_probability(_LEVEL)), walls=True),
     "verdict": Layer(BY_PROBABILITY, _verdicts(), walls=True),
     "entropy": Layer(BY_PROBABILITY, _by_probability(colors.code_of_probability(entropy(_LEVEL))), walls=False),
+    "day": Layer(BY_DAY, _days(), walls=True),
 }
 OBSERVED: dict[ObservedName, Layer] = {
     "seen": Layer(BY_MARK, _marks(), walls=True),

@@ -58,6 +58,11 @@ class Layout:
         return floor_step(float(max(self.size[:2])))
 
     @property
+    def marker_m(self) -> float:
+        """Half the size of a marker: seen from far, and no smaller than a cell."""
+        return max(0.6 * self.grid.resolution_m, 0.018 * float(max(self.size[:2])))
+
+    @property
     def margin_m(self) -> float:
         """How far from the floor its numbers stand."""
         return 0.35 * self.lines_m

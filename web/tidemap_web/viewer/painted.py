@@ -11,6 +11,7 @@ from tidemap.services.map_view import MapView
 from tidemap.space.grid import GridGeometry
 from tidemap_web.viewer.board import Board, Picture, Taste
 from tidemap_web.viewer.layout import Layout
+from tidemap_web.viewer.surroundings import NOBODY, Around
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,6 +25,7 @@ class PaintedView:
     picture: Picture
     layout: Layout
     taste: Taste
+    around: Around = NOBODY
 
     @property
     def loading(self) -> bool:

@@ -10,24 +10,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.services.anomalies import Anomaly
-from tidemap.services.context import Seen
+from tidemap.services.context import Loaded, Seen
 from tidemap.services.locations import LocationSummary
-from tidemap.services.map_view import MapQuery, MapView
+from tidemap.services.map_view import MapQuery, MapView, day_of
 from tidemap.space.grid import Extent, GridGeometry
 from tidemap_web.viewer import report
-from tidemap_web.viewer.board import Board, Taste
+from tidemap_web.viewer.asked import taste_of
+from tidemap_web.viewer.board import NO_SWING, WHOLE, Board, Taste
 from tidemap_web.viewer.events import boxes
+from tidemap_web.viewer.hits import NO_HIT, Hit, hit_of
 from tidemap_web.viewer.layout import Layout, arrange
 from tidemap_web.viewer.messages import Aim, PageMessage, Select, ViewRequest
 from tidemap_web.viewer.news import Fresh
 from tidemap_web.viewer.painted import PaintedView
-from tidemap_web.viewer.picking import Ray, first_hit
-from tidemap_web.viewer.scene import CELL_HALF, Scene
+from tidemap_web.viewer.painting import BY_DAY
+from tidemap_web.viewer.picking import Ray
+from tidemap_web.viewer.scene import Scene
 from tidemap_web.viewer.source import Source
+from tidemap_web.viewer.surroundings import Marker, Surroundings
 
 _log = logging.getLogger(__name__)
 ACKNOWLEDGE_S: Final = 15.0
-FRESH_S: Final = 3600.0
 BELIEVED_S: Final = 2.0
 """How long a location is taken to be as it was; what this process changes is noticed at once."""
 TITLES: Final = {
@@ -46,6 +49,15 @@ class _Loaded:
     location: str
     time: float
     seen: Seen | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Day:
+    """p's amplitude (n_cells,) over the day from `start`, by a model."""
+
+    loaded: Loaded
+    start: float
+    amplitude: NDArray[np.float32]
 
 
 class Painter:
@@ -75,6 +87,9 @@ class Painter:
         self._loaded: _Loaded | None = None
         self._asked_at = 0.0
         self._order: int | None = None
+        self._around = Surroundings(source)
+        self._listed: tuple[Marker, ...] | None = None
+        self._day: _Day | None = None
 
     def prepare(self, scene: Scene | None, aim: Aim | None, select: Select | None) -> None:
         """Take what came with the request; None changes nothing."""
@@ -92,6 +107,8 @@ class Painter:
     def concerned(self, fresh: Fresh) -> bool:
         """Whether news can change what the tab shows; asked from other threads."""
         if any("location" in kinds for kinds in fresh.values()):
+            return True
+        if fresh.keys() & self._around.names:
             return True
         return bool(fresh.get(self._location or "", frozenset()) & ALL_KINDS)
 
@@ -112,12 +129,14 @@ class Painter:
             return
         location, like = self._found(name, request, fresh)
         self._publish_location(location, ALL_KINDS if fresh is None else fresh.get(name, frozenset()))
+        self._around.refresh(location, fresh)
         shown = self._painted(location, request, like)
         if shown is None:
             self.blank("no-observations", name)
             return
         self._draw(shown)
         self.shown = shown
+        self._publish_markers(shown.around.markers)
         self._publish(report.frame(shown, request, self._selected, drawn=self._scene is not None))
 
     def blank(self, reason: str, detail: str) -> None:
@@ -131,13 +150,17 @@ class Painter:
         self.shown = None
         self._publish(report.notice(reason, detail))
 
-    def pick(self, ray: Ray) -> int | None:
-        """The number of the first cell under a ray; asked from other threads."""
+    def pick(self, ray: Ray) -> Hit:
+        """What is under a ray; asked from other threads."""
+        return NO_HIT if self.shown is None else hit_of(self.shown, ray)
+
+    def hovered(self, at: tuple[float, float]) -> PageMessage:
+        """What is under the pointer, at shares of the scene's width and height."""
         shown = self.shown
-        if shown is None:
-            return None
-        hits = [_hit(shown, side, ray.moved(shown.layout.shift * side)) for side in range(1 + shown.layout.beside)]
-        return min((hit for hit in hits if hit is not None), default=(0.0, None))[1]
+        if shown is None or self._scene is None:
+            return report.hovered(at, None, None)
+        hit = hit_of(shown, self._scene.ray(at))
+        return report.hovered(at, None if hit.cell is None else report.cell(shown, hit.cell), hit.marker)
 
     def _found(self, name: str, request: ViewRequest, fresh: Fresh | None) -> tuple[LocationSummary, MapView | None]:
         """The location, and the view before where another moment of the same is asked for: no question is needed."""
@@ -166,6 +189,11 @@ class Painter:
         if other or kinds & ALL_KINDS:
             self._publish(report.location(location, now, self._source.first_update()))
 
+    def _publish_markers(self, markers: tuple[Marker, ...]) -> None:
+        if markers != self._listed:
+            self._listed = markers
+            self._publish(report.markers(markers))
+
     def _painted(self, location: LocationSummary, request: ViewRequest, like: MapView | None) -> PaintedView | None:
         """What there is to see; None when nothing has been observed."""
         if location.last_time is None or location.grid is None:
@@ -178,8 +206,19 @@ class Painter:
             return None
         board, layout = self._lay(location, location.grid, view, request)
         seen = self._seen(query, view)
-        taste = _taste(request, location)
-        return PaintedView(location, view, seen, board, board.paint(view, seen, taste), layout, taste)
+        taste = taste_of(request, location)
+        picture = board.paint(view, seen, taste, self._swing(view, taste))
+        around = self._around.at(location, view.time, request.confidence, overlaid=not layout.beside)
+        return PaintedView(location, view, seen, board, picture, layout, taste, around)
+
+    def _swing(self, view: MapView, taste: Taste) -> NDArray[np.float32]:
+        """p's amplitude over the day, where a layer shows it: worked out once a day and revision."""
+        if taste.layers()[0].source != BY_DAY:
+            return NO_SWING
+        day = self._day
+        if day is None or day.loaded is not view.loaded or day.start != day_of(view):
+            self._day = day = _Day(view.loaded, day_of(view), self._source.day_amplitude(view))
+        return day.amplitude
 
     def _seen(self, query: MapQuery, view: MapView) -> Seen | None:
         """What was last seen, at hand or to be loaded."""
@@ -222,6 +261,8 @@ class Painter:
             else:
                 scene.show_all(shown.board)
             scene.outline(boxes(self._events, shown))
+            scene.crop(_box(shown))
+            scene.surround(shown.around)
             scene.select(_index(shown, self._selected))
             if self._aim is not None and self._aim.view == "pose":
                 scene.put_camera(self._aim.pose)
@@ -241,12 +282,6 @@ class Painter:
             self._scene = self._drawn = None
 
 
-def _taste(request: ViewRequest, location: LocationSummary) -> Taste:
-    fresh_s = max(FRESH_S, 2 * location.interval_s)
-    heights = (0 if request.low is None else request.low, 65535 if request.high is None else request.high)
-    return Taste(request.floor, fresh_s, request.dim, *heights, request.layout, request.predicted, request.observed)
-
-
 def _index(shown: PaintedView, cell: int | None) -> NDArray[np.int64] | None:
     if cell is None or cell >= shown.grid.n_cells:
         return None
@@ -254,8 +289,12 @@ def _index(shown: PaintedView, cell: int | None) -> NDArray[np.int64] | None:
     return index
 
 
-def _hit(shown: PaintedView, side: int, ray: Ray) -> tuple[float, int] | None:
-    """Depth and number of the first cell of a grid under a ray."""
-    rows = shown.board.shown(side)
-    hit = first_hit(ray, shown.grid.centre_at(shown.board.index[rows]), CELL_HALF * shown.grid.resolution_m)
-    return None if hit is None else (hit[0], int(shown.board.cell[rows[hit[1]]]))
+def _box(shown: PaintedView) -> tuple[float, ...] | None:
+    """What is cropped to, in metres; None where nothing is cut away."""
+    if shown.taste.crop == WHOLE:
+        return None
+    low, high = np.array(shown.taste.crop[:3]), np.array(shown.taste.crop[3:])
+    last = np.array(shown.grid.shape3) - 1
+    if not low.any() and (high >= last).all():
+        return None
+    return shown.grid.box_at(np.stack([np.minimum(low, last), np.minimum(high, last)]))

@@ -16,9 +16,11 @@ COUNTS: Final = MARKS + 3
 WALLS, SHOWN_LEFT, SHOWN_RIGHT = range(MARKS, COUNTS)
 """What is counted beside marks: what is always occupied, and the cells that each grid shows."""
 NOTHING, OCCUPIED, EXPECTED_FREE, UNEXPECTED, MISSING, STALE = range(MARKS)
-BY_PROBABILITY, BY_MARK, BY_AGE, BY_DIFFERENCE = range(4)
+BY_PROBABILITY, BY_MARK, BY_AGE, BY_DIFFERENCE, BY_DAY = range(5)
 WALL: Final = np.float32(0.95)
 """Probability from which on what is always occupied counts as a wall now."""
+SWING: Final = np.float32(2 / np.pi)
+"""The amplitude of a day with a half occupied and a half free: there is no higher one of a first harmonic."""
 RECOLOURED, RESHAPED = np.uint8(1), np.uint8(2)
 """What has become of a tile: other colours of the same cells; other cells."""
 
@@ -36,7 +38,7 @@ def mark_of(seen: Any, fresh: bool, p: Any, confidence: Any) -> Any:
 
 
 @kernel
-def row_of(source: int, mark: int, seen: Any, fresh: bool, step: int, p: Any, limits: Any) -> int:
+def row_of(source: int, mark: int, seen: Any, fresh: bool, step: int, p: Any, swing: Any, limits: Any) -> int:
     """The row of a layer's table that a cell has; -1 where the layer does not show it. limits: as rules of `paint`."""
     confidence, free_below, floor = limits
     if source == BY_PROBABILITY:
@@ -46,6 +48,8 @@ def row_of(source: int, mark: int, seen: Any, fresh: bool, step: int, p: Any, li
         return verdict * LEVELS + int(p * np.float32(255) + np.float32(0.5))
     if source == BY_MARK:
         return mark
+    if source == BY_DAY:
+        return int(min(swing / SWING, np.float32(1)) * np.float32(255) + np.float32(0.5)) if swing == swing else -1
     if seen > 1:
         return -1
     if source == BY_AGE:
@@ -56,16 +60,33 @@ def row_of(source: int, mark: int, seen: Any, fresh: bool, step: int, p: Any, li
 
 
 @kernel
+def predicted_code(over: Any, says: Any, covered: bool, grey: Any) -> Any:
+    """What the left grid shows: a mark over it, or what the layer says, or a grey that covers that."""
+    if over != HIDDEN:
+        return over
+    return grey if covered else says
+
+
+@kernel
+def change(before: Any, after: Any) -> Any:
+    """What becomes of a cell's tile where its code changes."""
+    if before == after:
+        return np.uint8(0)
+    return RESHAPED if before == HIDDEN or after == HIDDEN else RECOLOURED
+
+
+@kernel
 def paint(
     number: NDArray[np.int32],
     grey: NDArray[np.uint16],
-    height: NDArray[np.uint16],
+    inside: NDArray[np.bool_],
     p_of: NDArray[np.float32],
+    swing_of: NDArray[np.float32],
     state: NDArray[np.uint8],
     sample: NDArray[np.int64],
     always: NDArray[np.bool_],
     limits: tuple[Any, ...],
-    moment: tuple[int, int, int, int],
+    moment: tuple[int, int],
     dim: bool,
     sources: tuple[int, int],
     walls: tuple[bool, bool],
@@ -79,41 +100,44 @@ def paint(
 ) -> None:
     """Write `codes` (2, n) anew; set bits of `changed` (2, n_tiles) and add to `counts` (COUNTS,).
 
-    number, grey, height (n,): of the cells to draw, height in grid steps. p_of, state, sample, always (n_cells,): p,
-    what was last seen, its sample, whether always occupied. limits: confidence, 1 - confidence and floor, float32.
-    moment: the oldest sample that is judged, the one that is shown, lowest and highest height. dim: whether walls are
-    grey. sources, walls, left, right: of each grid's layer. over (MARKS,): what the left grid shows of marks, HIDDEN
-    for nothing else. ages: in samples, ascending. Every array is an argument of its own: taken out of a tuple it would
-    be counted for every cell.
+    number, grey, inside (n,): of the cells to draw, inside: whether they are not cut away. p_of, state, sample, always
+    (n_cells,): p, what was last seen, its sample, whether always occupied. swing_of: p's amplitude over the day,
+    (n_cells,) where a layer asks for it. limits: confidence, 1 - confidence and floor, float32. moment: the oldest
+    sample that is judged, and the one that is shown. dim: whether walls are grey. sources, walls, left, right: of each
+    grid's layer. over (MARKS,): what the left grid shows of marks, HIDDEN for nothing else. ages: in samples,
+    ascending. Every array is an argument of its own: taken out of a tuple it would be counted for every cell.
     """
-    oldest, now, low, high = moment
-    aged = sources[0] == BY_AGE or sources[1] == BY_AGE
-    for i in range(number.size):
-        cell = number[i]
-        p, seen, at = p_of[cell], state[cell], sample[cell]
-        first = second = HIDDEN
-        if low <= height[i] <= high:
-            fresh = seen < 2 and at >= oldest
-            mark = mark_of(seen, fresh, p, limits[0])
-            wall = dim and always[cell] and p >= WALL
-            counts[WALLS if wall and mark == STALE else mark] += 1
-            counts[WALLS] += wall and mark != STALE
-            step = 0
-            while aged and step < ages.size and now - at >= ages[step]:
-                step += 1
-            row = row_of(sources[0], mark, seen, fresh, step, p, limits)
-            if row >= 0:
-                first = grey[i] if wall and walls[0] else left[row]
-            if over[mark] != HIDDEN:
-                first = over[mark]
-            row = row_of(sources[1], mark, seen, fresh, step, p, limits)
-            if row >= 0:
-                second = grey[i] if wall and walls[1] and mark in (OCCUPIED, STALE) else right[row]
-        counts[SHOWN_LEFT] += first != HIDDEN
-        counts[SHOWN_RIGHT] += second != HIDDEN
-        if codes[0, i] != first:
-            changed[0, i // TILE] |= RESHAPED if codes[0, i] == HIDDEN or first == HIDDEN else RECOLOURED
-            codes[0, i] = first
-        if codes[1, i] != second:
-            changed[1, i // TILE] |= RESHAPED if codes[1, i] == HIDDEN or second == HIDDEN else RECOLOURED
-            codes[1, i] = second
+    aged, by_day = BY_AGE in sources, sources[0] == BY_DAY
+    n_walls = n_left = n_right = 0
+    for tile in range(changed.shape[1]):
+        left_bits = right_bits = np.uint8(0)
+        for i in range(tile * TILE, min((tile + 1) * TILE, number.size)):
+            first = second = HIDDEN
+            if inside[i]:
+                cell = number[i]
+                p, seen, at = p_of[cell], state[cell], sample[cell]
+                fresh = seen < 2 and at >= moment[0]
+                mark = mark_of(seen, fresh, p, limits[0])
+                wall = dim and always[cell] and p >= WALL
+                n_walls += wall
+                counts[mark] += not (wall and mark == STALE)
+                step = 0
+                while aged and step < ages.size and moment[1] - at >= ages[step]:
+                    step += 1
+                swing = swing_of[cell] if by_day else np.float32(0)
+                row = row_of(sources[0], mark, seen, fresh, step, p, swing, limits)
+                says = left[row] if row >= 0 else HIDDEN
+                first = predicted_code(over[mark], says, row >= 0 and wall and walls[0], grey[i])
+                row = row_of(sources[1], mark, seen, fresh, step, p, swing, limits)
+                if row >= 0:
+                    second = grey[i] if wall and walls[1] and mark in (OCCUPIED, STALE) else right[row]
+            n_left += first != HIDDEN
+            n_right += second != HIDDEN
+            left_bits |= change(codes[0, i], first)
+            right_bits |= change(codes[1, i], second)
+            codes[0, i], codes[1, i] = first, second
+        changed[0, tile] |= left_bits
+        changed[1, tile] |= right_bits
+    counts[WALLS] += n_walls
+    counts[SHOWN_LEFT] += n_left
+    counts[SHOWN_RIGHT] += n_right

@@ -79,7 +79,7 @@ def router(ctx: Context, viewer: ViewerServer) -> APIRouter:
             await socket.send_denial_response(_no_such_tab())
             return
         await socket.accept()
-        await converse(socket, viewer, token, await run_in_threadpool(guard.scope_of, socket))
+        await converse(socket, viewer, token, await run_in_threadpool(guard.principal, socket))
 
     @routes.websocket("/scene/{token}")
     async def through(socket: WebSocket, token: str) -> None:
@@ -132,4 +132,6 @@ def _swatches() -> dict[str, str]:
         "stale": colors.css(colors.STALE),
         "uncertain": colors.css_of_probability(0.5),
         "free": colors.css_of_probability(0.1),
+        "track": colors.css(colors.TRACK),
+        "unknown": colors.css(colors.UNKNOWN),
     }

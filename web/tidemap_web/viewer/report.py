@@ -1,13 +1,17 @@
 """Sessions in the words of messages: what the page shows."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from tidemap.services.anomalies import Anomaly
 from tidemap.services.locations import LocationSummary
 from tidemap.spectral.prediction import VERDICTS, verdict
+from tidemap_web.viewer import colors
 from tidemap_web.viewer.messages import PageMessage, ViewRequest
 from tidemap_web.viewer.painted import PaintedView
 from tidemap_web.viewer.span import span
+from tidemap_web.viewer.surroundings import Marker
 
 
 def grids(items: list[LocationSummary]) -> PageMessage:
@@ -85,6 +89,7 @@ def frame(shown: PaintedView, request: ViewRequest, selected: int | None, drawn:
         "missing": picture.missing,
         "stale": picture.stale,
         "structure": picture.structure,
+        "sensors": len(shown.around.tracks),
         "selected": None if selected is None else cell(shown, selected),
     }
 
@@ -102,6 +107,27 @@ def cell(shown: PaintedView, number: int) -> PageMessage | None:
         "verdict": None if np.isnan(p) else VERDICTS[int(verdict(np.float32(p), c))],
         "observed": None if seen is None else seen[0],
         "observed_time": None if seen is None else seen[1],
+    }
+
+
+def hovered(at: tuple[float, float], cell: PageMessage | None, marker: Marker | None) -> PageMessage:
+    """What is under the pointer, if anything is."""
+    return {"kind": "hovered", "at": at, "cell": cell, "marker": None if marker is None else _facts(marker)}
+
+
+def markers(items: Sequence[Marker]) -> PageMessage:
+    """The doors and rooms of the building, as they are at the moment that is shown."""
+    return {"kind": "markers", "items": [_facts(marker) for marker in items]}
+
+
+def _facts(marker: Marker) -> PageMessage:
+    return {
+        "name": marker.name,
+        "probability": marker.probability,
+        "verdict": marker.verdict,
+        "observed": marker.observed,
+        "observed_time": marker.observed_time,
+        "colors": [colors.css(color) for color in marker.colors],
     }
 
 

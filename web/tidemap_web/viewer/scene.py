@@ -1,28 +1,34 @@
 """One browser tab's 3D scene: the tiles of one or two grids, the floor under them, labels, frames and axes."""
 
+import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Final
 
 import numpy as np
 import viser
 from numpy.typing import NDArray
 
 from tidemap_web.viewer import colors
+from tidemap_web.viewer.around import AroundDrawing
 from tidemap_web.viewer.board import Board, Picture
 from tidemap_web.viewer.layout import Layout, camera_pose
 from tidemap_web.viewer.painting import RESHAPED
+from tidemap_web.viewer.picking import Ray, rotation
+from tidemap_web.viewer.shapes import add_frame, add_label
+from tidemap_web.viewer.surroundings import Around
 
 CELL_HALF = 0.42
 """Half the side of a drawn square in grid steps: a little less than a cell, so that cells show apart."""
 
-_FOV = 0.7
+_FOV: Final = 0.7
+_FLAT_FOV: Final = 0.02
+"""From above it is seen from so far that verticals are points: what is 3 m higher moves by 3 cm at the edge at most."""
+_NEAR: Final = 0.01
+_FAR: Final = 1000.0
 _STILL_M = 0.02
 """Less is no movement of the camera."""
 _GRIDS = ("predicted", "observed")
 """The left grid and the right one."""
-_EDGES = np.array(
-    [[0, 1], [0, 2], [1, 3], [2, 3], [4, 5], [4, 6], [5, 7], [6, 7], [0, 4], [1, 5], [2, 6], [3, 7]], dtype=np.intp
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +52,8 @@ class Scene:
         self.placed = False
         """Whether the camera has been put anywhere."""
         self._standard: list[float] | None = None
+        self._around = AroundDrawing(client.scene, _GRIDS)
+        self._crop: tuple[float, ...] | None = None
 
     def clear(self) -> None:
         """Take everything away."""
@@ -54,6 +62,8 @@ class Scene:
         self._tiles = {}
         self._selected = None
         self._events = ()
+        self._around.clear()
+        self._crop = None
         self.layout = None
 
     def build(self, layout: Layout) -> None:
@@ -64,30 +74,47 @@ class Scene:
             self._lay_floor(_GRIDS[side], layout.titles[side], layout, layout.shift * side)
 
     def aim(self, from_above: bool) -> None:
-        """Turn the camera so that all grids are in view."""
+        """Put the camera where all grids are in view; from above they are seen as on a plan."""
         if self.layout is None:
             return
-        camera = self.client.camera
+        camera, fov = self.client.camera, _FLAT_FOV if from_above else _FOV
         aspect = camera.image_width / max(camera.image_height, 1)
-        pose = camera_pose(self.layout, aspect, _FOV, from_above)
-        standard = [*pose.position.tolist(), *pose.look_at.tolist()]
+        pose = camera_pose(self.layout, aspect, fov, from_above)
+        standard = [*pose.position.tolist(), *pose.look_at.tolist(), fov]
         self.put_camera(standard)
         self._standard = standard
 
     def put_camera(self, pose: list[float]) -> None:
-        """Put the camera at the first three metres, looking at the last three."""
+        """Put the camera at the first three metres, looking at the next three, with a vertical field of view in radians
+        where that is given."""
         camera = self.client.camera
         self._standard, self.placed = None, True
-        camera.fov = _FOV
+        position, look_at = np.array(pose[:3]), np.array(pose[3:6])
+        fov = pose[6] if len(pose) > 6 else _FOV
+        away = float(np.linalg.norm(position - look_at))
+        far = fov < _FOV
+        camera.near, camera.far = (away / 30, away * 4) if far else (_NEAR, _FAR)
+        camera.max_orbit_distance = max(1e4, 4 * away)
+        camera.fov = fov
         camera.up_direction = np.array([0.0, 0.0, 1.0])
-        camera.position = np.array(pose[:3])
-        camera.look_at = np.array(pose[3:])
+        camera.position, camera.look_at = position, look_at
 
     def pose(self) -> list[float] | None:
-        """Where the camera is and what it looks at; None where that is a standard view."""
+        """Where the camera is, what it looks at and its field of view where that is not the usual one; None where it is
+        a standard view."""
         camera = self.client.camera
-        pose = [*camera.position.tolist(), *camera.look_at.tolist()]
-        return None if self._standard is not None and np.allclose(pose, self._standard, atol=_STILL_M) else pose
+        pose = [*camera.position.tolist(), *camera.look_at.tolist(), camera.fov]
+        if self._standard is not None and np.allclose(pose, self._standard, atol=_STILL_M * (pose[6] / _FOV)):
+            return None
+        return pose[:6] if math.isclose(pose[6], _FOV, abs_tol=1e-3) else pose
+
+    def ray(self, at: tuple[float, float]) -> Ray:
+        """From the camera through a point of its picture, from (0, 0), top left, to (1, 1)."""
+        camera = self.client.camera
+        half = math.tan(camera.fov / 2)
+        through = np.array([(2 * at[0] - 1) * half * camera.aspect, (2 * at[1] - 1) * half, 1.0])
+        direction = rotation(camera.wxyz) @ through
+        return Ray.of(tuple(camera.position), tuple(direction / np.linalg.norm(direction)), camera.wxyz)
 
     def show(self, board: Board, picture: Picture) -> None:
         """Draw what has changed; only that is sent."""
@@ -115,10 +142,28 @@ class Scene:
                 low, high = np.array(box.bounds[:3]), np.array(box.bounds[3:])
                 margin = 0.15 * self.layout.grid.resolution_m
                 frame = f"{name}/{number}"
-                self._frame(frame, (low + high) / 2 + shift, (high - low) / 2 + margin, box.color)
+                add_frame(self.client.scene, frame, (low + high) / 2 + shift, (high - low) / 2 + margin, box.color)
                 if side == self.layout.beside:  # once: labels have a size of their own, and may hide one another
                     top = np.array([*((low + high) / 2)[:2], high[2] + margin]) + shift
-                    self._label(f"{frame}/label", box.text, top, 1.0)
+                    add_label(self.client.scene, f"{frame}/label", box.text, top, 1.0)
+
+    def surround(self, around: Around) -> None:
+        """Draw doors, rooms and sensors."""
+        if self.layout is not None:
+            self._around.show(around, self.layout)
+
+    def crop(self, bounds: tuple[float, ...] | None) -> None:
+        """Frame what is left of a grid, [x0, y0, z0, x1, y1, z1] in metres; None where it is whole."""
+        if self.layout is None or bounds == self._crop:
+            return
+        self._crop = bounds
+        for side in range(1 + self.layout.beside):
+            name = f"/{_GRIDS[side]}/crop"
+            self.client.scene.remove_by_name(name)
+            if bounds is not None:
+                low, high = np.array(bounds[:3]), np.array(bounds[3:])
+                centre = (low + high) / 2 + self.layout.shift * side
+                add_frame(self.client.scene, name, centre, (high - low) / 2, colors.CROP)
 
     def select(self, index: NDArray[np.int64] | None) -> None:
         """Frame one cell (3,) in both grids, or none."""
@@ -130,10 +175,11 @@ class Scene:
             self.client.scene.remove_by_name(f"/{name}/selected")
         if index is None:
             return
+        scene = self.client.scene
         half = np.full(3, self.layout.grid.resolution_m * 0.6)
         centre = self.layout.grid.centre_at(index)
         for side in range(1 + self.layout.beside):
-            self._frame(f"/{_GRIDS[side]}/selected", centre + self.layout.shift * side, half)
+            add_frame(scene, f"/{_GRIDS[side]}/selected", centre + self.layout.shift * side, half, colors.SELECTED)
 
     def send(self, wait_s: float) -> None:
         """Send what is queued and wait until the browser has taken it, for it answers in order.
@@ -193,21 +239,15 @@ class Scene:
             position=(centre[0], centre[1], bottom),
         )
         edge = np.array([size[0] / 2, size[1] / 2, 0.0])
-        self._frame(f"/{name}/outline", np.array([centre[0], centre[1], bottom]), edge, colors.FLOOR)
-        self._label(f"/{name}/label", title, np.array([centre[0], layout.high[1] + shift[1], layout.high[2]]), 1.3)
-        for tick in layout.ticks():
-            self._label(f"/{name}/axes/{tick.name}", tick.text, np.array([*tick.at, bottom]) + shift, 0.8)
-
-    def _label(self, name: str, text: str, at: NDArray[np.float64], size: float) -> None:
-        anchor: Any = "bottom-center" if size >= 1 else "top-center"
-        position = (float(at[0]), float(at[1]), float(at[2]))
-        self.client.scene.add_label(name, text, position=position, anchor=anchor, font_screen_scale=size)
-
-    def _frame(
-        self, name: str, centre: NDArray[np.float64], half: NDArray[np.float64], color: colors.Rgb = colors.SELECTED
-    ) -> None:
-        signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
-        corners = centre + signs * half
-        self.client.scene.add_line_segments(
-            name, corners[_EDGES], np.array(color, dtype=np.uint8), thickness=2.5, thickness_units="screen"
+        add_frame(self.client.scene, f"/{name}/outline", np.array([centre[0], centre[1], bottom]), edge, colors.FLOOR)
+        add_label(
+            self.client.scene,
+            f"/{name}/label",
+            title,
+            np.array([centre[0], layout.high[1] + shift[1], layout.high[2]]),
+            1.3,
         )
+        for tick in layout.ticks():
+            add_label(
+                self.client.scene, f"/{name}/axes/{tick.name}", tick.text, np.array([*tick.at, bottom]) + shift, 0.8
+            )

@@ -7,8 +7,9 @@ from collections.abc import Callable
 import rich
 import viser
 
-from tidemap.scope import EVERYWHERE, Scope
+from tidemap.errors import TooManyTabsError
 from tidemap.services.context import Context
+from tidemap.services.keys import OPEN, Principal
 from tidemap_web.viewer.board import warm
 from tidemap_web.viewer.inner import SHOWN_IN, InnerViser, token_of
 from tidemap_web.viewer.messages import PageMessage
@@ -27,6 +28,7 @@ class ViewerServer:
     def __init__(self, ctx: Context) -> None:
         self._ctx = ctx
         self._sessions: dict[str, Session] = {}
+        self._keys: dict[str, int | None] = {}
         self._lock = threading.Lock()
         self._viser: InnerViser | None = None
         self._news = News(self._notify)
@@ -58,18 +60,23 @@ class ViewerServer:
         """Close all sessions and the port."""
         self._news.stop()
         with self._lock:
-            sessions, self._sessions = list(self._sessions.values()), {}
+            sessions, self._sessions, self._keys = list(self._sessions.values()), {}, {}
         for session in sessions:
             session.close()
         if self._viser is not None:
             self._viser.stop()
             self._viser = None
 
-    def open(self, token: str, publish: Callable[[PageMessage], None], scope: Scope = EVERYWHERE) -> Session:
-        """A session for a tab, which sees the locations of a scope; one with the same token before it is closed."""
-        session = Session(token, Services(self._ctx, scope), publish)
+    def open(self, token: str, publish: Callable[[PageMessage], None], principal: Principal = OPEN) -> Session:
+        """A session for a tab, which sees what its principal may; one with the same token before it is closed.
+
+        Raises TooManyTabsError.
+        """
+        session = Session(token, Services(self._ctx, principal.scope), publish)
         with self._lock:
+            self._check_room(token, principal.key_id)
             before, self._sessions[token] = self._sessions.get(token), session
+            self._keys[token] = principal.key_id
         if before is not None:
             before.close()
         session.start()
@@ -81,7 +88,12 @@ class ViewerServer:
         session.close()
         with self._lock:
             if self._sessions.get(session.token) is session:
-                del self._sessions[session.token]
+                del self._sessions[session.token], self._keys[session.token]
+
+    def _check_room(self, token: str, key_id: int | None) -> None:
+        others = sum(key == key_id for tab, key in self._keys.items() if tab != token)
+        if others >= self._ctx.settings.viewer_tabs:
+            raise TooManyTabsError(self._ctx.settings.viewer_tabs)
 
     def knows(self, token: str) -> bool:
         """Whether a tab with this token is open."""

@@ -9,7 +9,7 @@ from tidemap.services.context import Seen
 from tidemap.services.map_view import MapQuery
 from tidemap_web.viewer import report
 from tidemap_web.viewer.loading import Loader
-from tidemap_web.viewer.messages import Aim, PageMessage, Select, ViewRequest
+from tidemap_web.viewer.messages import Aim, Asked, Hover, PageMessage, Select, ViewRequest
 from tidemap_web.viewer.news import Fresh, together
 from tidemap_web.viewer.painter import Painter
 from tidemap_web.viewer.picking import Ray
@@ -39,6 +39,7 @@ class Session:
         self._request = ViewRequest()
         self._aim: Aim | None = None
         self._select: Select | None = None
+        self._hover: Hover | None = None
         self._arrived: Scene | None = None
         self._fresh: Fresh | None = None
         self._arrivals: tuple[MapQuery, Seen | None] | None = None
@@ -51,9 +52,13 @@ class Session:
         """Begin to work."""
         self._worker.start()
 
-    def ask(self, request: ViewRequest | Aim | Select) -> None:
+    def ask(self, request: Asked) -> None:
         """Take a message of the page."""
         with self._changed:
+            if isinstance(request, Hover):
+                self._hover = request
+                self._changed.notify_all()
+                return
             if isinstance(request, ViewRequest):
                 self._request = request
             elif isinstance(request, Aim):
@@ -76,11 +81,14 @@ class Session:
                 self._wake()
 
     def pick(self, ray: Ray) -> None:
-        """Select the first cell under a ray; none where there is none."""
-        if self._painter.shown is not None:
-            cell = self._painter.pick(ray)
-            self.ask(Select(kind="select", cell=cell))
-            self._publish({"kind": "picked", "cell": cell})
+        """Select what is under a ray: a cell or none; a marker, which leaves the cell as it was."""
+        if self._painter.shown is None:
+            return
+        hit = self._painter.pick(ray)
+        if hit.marker is None:
+            self.ask(Select(kind="select", cell=hit.cell))
+        name = None if hit.marker is None else hit.marker.name
+        self._publish({"kind": "picked", "cell": hit.cell, "marker": name})
 
     def camera_moved(self, pose: list[float] | None) -> None:
         """The camera is there now; None: at a standard view."""
@@ -114,15 +122,27 @@ class Session:
 
     def _work(self) -> None:
         while self._await():
-            self._paint(*self._take())
+            with self._changed:
+                painting, self._pending = self._pending, False
+                hover, self._hover = self._hover, None
+            if painting:
+                self._paint(*self._take())
+            if hover is not None:
+                self._point(hover)
+
+    def _point(self, hover: Hover) -> None:
+        try:
+            self._publish(self._painter.hovered((hover.at[0], hover.at[1])))
+        except Exception:
+            _log.exception("viewer session %s could not say what is under the pointer", self.token[:6])
 
     def _await(self) -> bool:
         """Wait for something to do; False when there will be nothing more."""
         with self._changed:
             self._busy = False
-            self._changed.wait_for(lambda: self._pending or self._closed)
-            self._busy, self._pending = not self._closed, False
-            return not self._closed
+            self._changed.wait_for(lambda: self._pending or self._hover is not None or self._closed)
+            self._busy = not self._closed
+            return self._busy
 
     def _take(self) -> tuple[ViewRequest, Fresh | None]:
         """Hand what has changed to the painter; the request, and what is new."""

@@ -11,9 +11,13 @@ from websockets.exceptions import ConnectionClosed, WebSocketException
 from websockets.typing import Subprotocol
 
 from tidemap.api.auth import ENDED, until_ended
-from tidemap.scope import Scope
-from tidemap_web.viewer.messages import PageMessage, parse
+from tidemap.errors import TooManyTabsError
+from tidemap.services.keys import Principal
+from tidemap_web.viewer import report
+from tidemap_web.viewer.messages import PageMessage, Ping, parse
 from tidemap_web.viewer.server import ViewerServer
+
+TOO_MANY = (1013, "too many tabs are open with this key")
 
 
 class SendQueue:
@@ -43,10 +47,15 @@ class SendQueue:
                 yield self._waiting.pop(next(iter(self._waiting)))
 
 
-async def converse(socket: WebSocket, viewer: ViewerServer, token: str, scope: Scope) -> None:
-    """Run a session, which sees the locations of a scope, for as long as its page stays."""
+async def converse(socket: WebSocket, viewer: ViewerServer, token: str, principal: Principal) -> None:
+    """Run a session, which sees what its principal may, for as long as its page stays."""
     outbox = SendQueue()
-    session = viewer.open(token, outbox.put, scope)
+    try:
+        session = viewer.open(token, outbox.put, principal)
+    except TooManyTabsError as error:
+        await socket.send_json(report.notice("too-many", str(error)))
+        await socket.close(*TOO_MANY)
+        return
 
     async def speak() -> None:
         async for message in outbox.taken():
@@ -55,7 +64,11 @@ async def converse(socket: WebSocket, viewer: ViewerServer, token: str, scope: S
     async def listen() -> None:
         async for data in _received(socket):
             try:
-                session.ask(parse(data))
+                asked = parse(data)
+                if isinstance(asked, Ping):
+                    outbox.put({"kind": "pong"})
+                else:
+                    session.ask(asked)
             except ValueError as error:
                 outbox.put({"kind": "refused", "detail": str(error)})
 

@@ -1,17 +1,22 @@
 """What the viewer asks the services for; one small face, so that sessions can be tested without a database."""
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from tidemap.errors import LocationNotFoundError, NoModelError
 from tidemap.scope import EVERYWHERE, Scope
-from tidemap.services import anomalies, films, locations, map_view
+from tidemap.services import anomalies, building, films, locations, map_view, robots
 from tidemap.services.anomalies import Anomaly
+from tidemap.services.building import PosedState
 from tidemap.services.context import Context, Seen
 from tidemap.services.films import Watch
 from tidemap.services.locations import LocationSummary
 from tidemap.services.map_view import MapQuery, MapView
-from tidemap.services.spectra import fitted
+from tidemap.services.robots import SensorTrack
+from tidemap.services.spectra import Fitted, fitted
 
 MARKS = 500
 
@@ -46,6 +51,21 @@ class Source(Protocol):
 
     def events(self, name: str, start: float) -> list[Anomaly]:
         """Anomalies since `start`, oldest first, at most MARKS."""
+
+    def day_amplitude(self, view: MapView) -> NDArray[np.float32]:
+        """p's amplitude over the day of a view, (n_cells,); equal for views with the same `map_view.day_of`."""
+
+    def posed(self, frame: str) -> list[Fitted]:
+        """The states that stand in a frame, with what is known of them."""
+
+    def posed_at(self, models: Sequence[Fitted], time: float) -> list[PosedState]:
+        """They at a time."""
+
+    def has_scans(self, location: LocationSummary) -> bool:
+        """Whether any scan of a grid is listed."""
+
+    def tracks(self, location: LocationSummary, start: float, stop: float) -> list[SensorTrack]:
+        """Where the sensors of a grid have been in [start, stop]."""
 
 
 class Services:
@@ -111,6 +131,26 @@ class Services:
         """Anomalies since `start`."""
         self._check(name)
         return anomalies.list_events(self._ctx, anomalies.EventQuery(location=name, start=start, limit=MARKS))
+
+    def day_amplitude(self, view: MapView) -> NDArray[np.float32]:
+        """p's amplitude over the day of a view."""
+        return map_view.day_amplitude_at(self._ctx, view)
+
+    def posed(self, frame: str) -> list[Fitted]:
+        """The states in scope that stand in a frame."""
+        return building.posed_models(self._ctx, frame, self._scope)
+
+    def posed_at(self, models: Sequence[Fitted], time: float) -> list[PosedState]:
+        """They at a time."""
+        return building.posed_at(self._ctx, models, time)
+
+    def has_scans(self, location: LocationSummary) -> bool:
+        """Whether any scan of a grid is listed."""
+        return robots.has_scans(self._ctx, location.id)
+
+    def tracks(self, location: LocationSummary, start: float, stop: float) -> list[SensorTrack]:
+        """Where the sensors of a grid have been in [start, stop]."""
+        return robots.sensor_tracks(self._ctx, location.id, start, stop)
 
     def _check(self, name: str) -> None:
         if not self._scope.holds(name):

@@ -35,7 +35,8 @@ from tidemap.schemas.anomalies import (
     SnoozeForm,
 )
 from tidemap.schemas.common import Page
-from tidemap.services.anomalies import EventQuery, acknowledge, get_event, list_events
+from tidemap.services.acknowledging import acknowledge
+from tidemap.services.anomalies import EventQuery, get_event, list_events
 from tidemap.services.confidence import find_confidence
 from tidemap.services.context import Context
 from tidemap.services.detect import DetectQuery, detect

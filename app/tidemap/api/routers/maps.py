@@ -13,6 +13,7 @@ from tidemap.api.bodies import FormRoute
 from tidemap.api.dependencies import Asker, Ctx, Operator, TimeQuery, query_time
 from tidemap.api.encoding import (
     encode_answer,
+    encode_density,
     encode_information,
     encode_prediction,
     encode_series,
@@ -20,19 +21,23 @@ from tidemap.api.encoding import (
     with_etag,
 )
 from tidemap.api.forms import form_body, posted_form
-from tidemap.api.long_questions import answered
+from tidemap.api.long_questions import Check, answered
+from tidemap.api.tables import series_table
 from tidemap.api.views.maps import evaluation_view, model_view
 from tidemap.errors import InvalidInputError
-from tidemap.media_types import ARROW, JSON, NPY
+from tidemap.media_types import ARROW, CSV, JSON, NPY
 from tidemap.schemas import maps
 from tidemap.schemas.locations import Confidence, EstimatorName
 from tidemap.services.context import Context
+from tidemap.services.density import DEFAULT_BINS, MAX_BINS, DensityQuery, density
 from tidemap.services.evaluate import EvaluateQuery, evaluate
 from tidemap.services.information import MAX_BEST, InformationQuery, information_at
+from tidemap.services.locations import find_location
 from tidemap.services.model import model_of
 from tidemap.services.predict import PredictQuery, predict_at
 from tidemap.services.series import SeriesQuery, series
 from tidemap.services.state import Asked, StateQuery, ask
+from tidemap.storage.records import LocationRecord
 
 router = APIRouter(prefix="/locations/{name}", tags=["maps"], route_class=FormRoute)
 Order = Annotated[int | None, Query(ge=0, le=64, description="Default: the revision's.")]
@@ -117,7 +122,7 @@ async def predict(name: str, request: Request, ctx: Ctx, _: Operator) -> Respons
     return await answered(request, lambda check: encode_prediction(predict_at(ctx, name, query, check)))
 
 
-@router.get("/series", responses=_answers(maps.SeriesAnswer), response_class=Response)
+@router.get("/series", responses=_answers(maps.SeriesAnswer, CSV), response_class=Response)
 async def series_of(
     name: str,
     request: Request,
@@ -130,7 +135,29 @@ async def series_of(
 ) -> Response:
     """One cell over [start, stop): what was predicted and what was observed."""
     query = SeriesQuery(cell, query_time("start", start), query_time("stop", stop), step)
-    return await answered(request, lambda check: encode_series(series(ctx, name, query, check)))
+    encode = series_table if preferred(request, (JSON, CSV)) == CSV else encode_series
+    return await answered(request, lambda check: encode(series(ctx, name, query, check)))
+
+
+@router.get("/density", responses={**_answers(maps.DensityAnswer), 304: {}}, response_class=Response)
+async def density_of(
+    name: str,
+    request: Request,
+    ctx: Ctx,
+    _: Operator,
+    start: TimeQuery = None,
+    stop: TimeQuery = None,
+    bins: Annotated[int, Query(ge=1, le=MAX_BINS, description="Steps at most.")] = DEFAULT_BINS,
+) -> Response:
+    """How much was observed when, in equal steps of [start, stop), by default of the whole history."""
+    query = DensityQuery(query_time("start", start), query_time("stop", stop), bins)
+    return await answered(request, lambda check: _counted(request, ctx, find_location(ctx, name), query, check))
+
+
+def _counted(request: Request, ctx: Context, location: LocationRecord, query: DensityQuery, check: Check) -> Response:
+    posted = (location.first_time, location.observation_seq, location.compacted_seq, location.deleted)
+    key = (location.id, location.interval_s, posted, query)
+    return with_etag(request, key, lambda: encode_density(density(ctx, location, query, check)))
 
 
 @router.get("/information", responses=_answers(maps.InformationAnswer), response_class=Response)

@@ -18,6 +18,7 @@ from tidemap.services.deletion import Deletion, delete_observations
 from tidemap.services.keys import Principal
 from tidemap.services.observe import submit
 from tidemap.services.posts import Post
+from tidemap.services.refusals import counting
 
 Source = Annotated[Text | None, Query(max_length=128, description="The robot's name.")]
 IdempotencyKey = Annotated[str | None, Header(alias="Idempotency-Key", min_length=1, max_length=255)]
@@ -95,10 +96,11 @@ async def post(
 
     The same Idempotency-Key with the same body again is answered 200 with `duplicate` true; nothing is stored twice.
     """
-    with state_of(request).budget.share() as share:
+    state, source = state_of(request), source or name_of(robot.principal)
+    with state.budget.share() as share, counting(state.ctx, name, source):
         body = await posted_body(request, time, layout, share)
-        sent = Post(body, source or name_of(robot.principal), idempotency_key, robot.claim)
-        result = await confirming(request, robot, submit(state_of(request).ctx, name, sent))
+        sent = Post(body, source, idempotency_key, robot.claim)
+        result = await confirming(request, robot, submit(state.ctx, name, sent))
     return Response(accepted_view(result).model_dump_json(), 200 if result.duplicate else 201, media_type=JSON)
 
 

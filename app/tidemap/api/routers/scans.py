@@ -24,6 +24,7 @@ from tidemap.media_types import ARROW, JSON, MULTIPART, NPY, PCD, PLY
 from tidemap.schemas.common import Page
 from tidemap.schemas.scans import ScanAccepted, ScanItem, Verdict
 from tidemap.services.posts import Post
+from tidemap.services.refusals import counting
 from tidemap.services.scans import ScanQuery, delete_scan, kept_bytes, list_scans, points_of, replay_scan, submit_scan
 
 router = APIRouter(prefix="/locations/{name}/scans", tags=["scans"], route_class=FormRoute)
@@ -83,14 +84,14 @@ async def post(
 
     The same Idempotency-Key with the same scan again is answered 200 with `duplicate` true; nothing is stored twice.
     """
-    state = state_of(request)
-    with state.budget.share() as share:
+    state, source = state_of(request), source or name_of(robot.principal)
+    with state.budget.share() as share, counting(state.ctx, name, source):
         content_type = request.headers.get("content-type", "")
         limit = state.ctx.settings.body_limit(content_type.partition(";")[0].strip().lower())
         body = ScanBody(await read_body(request, limit, share), content_type)
         await share.grow(len(body.content) * (body.cost - 1))
         await share.grow(await run_in_threadpool(body.hidden_bytes) * body.cost)
-        sent = Post(body, source or name_of(robot.principal), idempotency_key, robot.claim)
+        sent = Post(body, source, idempotency_key, robot.claim)
         result = await confirming(request, robot, submit_scan(state.ctx, name, sent, partial(read_scan, body)))
     return Response(scan_accepted_view(result).model_dump_json(), 200 if result.duplicate else 201, media_type=JSON)
 

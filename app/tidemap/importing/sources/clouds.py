@@ -9,10 +9,11 @@ import numpy as np
 
 from tidemap.errors import UnreadableBodyError
 from tidemap.formats import csv, pcd, ply
-from tidemap.importing.files import content_of, naming
+from tidemap.importing.files import content_of, naming, suffix_of
 from tidemap.importing.options import ImportOptions
 from tidemap.importing.records import Missing, Record
 from tidemap.space.pose import Pose
+from tidemap.space.ranges import measured
 from tidemap.space.sweep import Sweep
 
 READERS = {".pcd": pcd.read, ".ply": ply.read}
@@ -49,14 +50,13 @@ class CloudFolder:
 
     def _sweep(self, file: Path, time: float, map_from_sensor: Pose) -> Sweep:
         with naming(file):
-            points = READERS[file.suffix.lower()](content_of(file)).astype(np.float64)
-        points = points[np.isfinite(points).all(axis=1)]
+            points = measured(READERS[suffix_of(file)](content_of(file)).astype(np.float64))
         return Sweep(time, map_from_sensor, points, self.options.max_range_m, flat=False)
 
 
 def clouds_of(folder: Path) -> list[Path]:
     """The clouds of a folder, in order of their names."""
-    return sorted(each for each in folder.iterdir() if each.suffix.lower() in READERS)
+    return sorted(each for each in folder.iterdir() if suffix_of(each) in READERS)
 
 
 def _poses(content: bytes) -> Mapping[str, tuple[float, Pose]]:

@@ -10,7 +10,7 @@ import yaml
 
 from tidemap.errors import UnreadableBodyError
 from tidemap.formats import nav2, octomap
-from tidemap.importing.files import content_of
+from tidemap.importing.files import content_of, suffix_of
 from tidemap.importing.options import ImportOptions
 from tidemap.importing.records import Record, WholeMap
 from tidemap.space.grid import GridGeometry
@@ -32,7 +32,7 @@ class FloorMap:
     def records(self) -> Iterator[Record]:
         """The map. Raises UnreadableBodyError."""
         content, frame = content_of(self.path), self.options.fixed_frame
-        if self.path.suffix.lower() == ".zip":
+        if suffix_of(self.path) == ".zip":
             plan = nav2.read(content, frame)
         else:
             plan = nav2.read_pair(content, content_of(self._picture(content)), frame)

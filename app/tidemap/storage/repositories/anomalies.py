@@ -175,11 +175,8 @@ class AnomalyRepository:
 
     def acknowledge(self, anomaly_id: int, by: str, at: float, note: str | None) -> AnomalyRecord:
         """Raises AnomalyNotFoundError. Acknowledging again replaces who, when and the note."""
-        values = {"acknowledged": True, "acknowledged_by": by, "acknowledged_at": at, "note": note}
-        location_id, known = self._locked(self._location_of(anomaly_id), anomaly_id)
-        mine = (anomaly.c.location_id == location_id) & (anomaly.c.id == known)
-        self._connection.execute(update(anomaly).where(mine).values(**values))
-        return self._of(location_id, known)
+        known = replace(self.locked(anomaly_id), acknowledged_by=by, acknowledged_at=at, note=note)
+        return self.mark([known])[0]
 
     def locked(self, anomaly_id: int) -> AnomalyRecord:
         """As `get`, and nobody else changes it meanwhile. Raises AnomalyNotFoundError."""

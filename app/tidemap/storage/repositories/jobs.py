@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, RowMapping, delete, insert, select, update
+from sqlalchemy import ColumnElement, Connection, RowMapping, delete, insert, null, select, update
 
 from tidemap.errors import JobNotFoundError
 from tidemap.scope import EVERYWHERE, Scope
@@ -81,6 +81,8 @@ class JobRepository:
         """Change a job that is in the expected state, `result` as plain JSON; False when it is not."""
         if "result" in values:
             values["result"] = pack_json(values["result"])
+        if "finished_at" in values:
+            values.setdefault("error", None)
         owner = self._location_of(job_id)
         return owner is not None and self._change(owner, job_id, expected, values)
 
@@ -91,6 +93,13 @@ class JobRepository:
     def progress(self, location_id: int, job_id: int, progress: float) -> None:
         """How far a running job of a location is, 0 to 1."""
         self._connection.execute(update(job).where(*_one(location_id, job_id)).values(progress=progress))
+
+    def note_waiting(self, job_id: int, reason: str | None) -> bool:
+        """Store what keeps a job that has not ended from going on; whether that is news."""
+        owner = self._location_of(job_id)
+        news = job.c.finished_at.is_(None), job.c.error.is_distinct_from(null() if reason is None else reason)
+        query = None if owner is None else update(job).where(*_one(owner, job_id), *news).values(error=reason)
+        return query is not None and self._connection.execute(query).rowcount == 1
 
     def finished_before(self, location_id: int, time: float, kept: int, most: int) -> Sequence[int]:
         """The jobs of a location that ended before a time, at most so many, but for its `kept` newest that ended."""
@@ -119,7 +128,11 @@ def _one(location_id: int, job_id: int) -> tuple[ColumnElement[bool], ...]:
 
 
 def _record(row: RowMapping) -> JobRecord:
-    values = {name: row[name] for name in JobRecord.__dataclass_fields__}
+    values = {name: row[name] for name in JobRecord.__dataclass_fields__ if name != "waiting"}
     values["request"] = json.loads(row["request"])
+    # One column: a job that has ended waits for nothing, and one that has not did not fail yet.
+    values["waiting"] = None
+    if row["finished_at"] is None:
+        values["waiting"], values["error"] = row["error"], None
     values["result"] = row["result"] and unpack_json(row["result"], f"the result of job {row['id']}")
     return JobRecord(**values)

@@ -6,6 +6,7 @@ from sqlalchemy import Connection, RowMapping, bindparam, delete, func, insert, 
 
 from tidemap.errors import KeyNotFoundError
 from tidemap.scope import EVERYWHERE, Scope
+from tidemap.storage.changes import UNCOUNTED
 from tidemap.storage.records import KeyRecord
 from tidemap.storage.tables import api_key, session
 
@@ -61,7 +62,8 @@ class KeyRepository:
 
     def used(self, key_id: int, at: float) -> None:
         """Note that a key was used."""
-        self._connection.execute(update(api_key).where(api_key.c.id == key_id).values(last_used_at=at))
+        query = update(api_key).where(api_key.c.id == key_id).values(last_used_at=at)
+        self._connection.execute(query.execution_options(**UNCOUNTED))
 
     def find(self, digest: bytes) -> KeyRecord | None:
         """The key whose secret has this hash."""

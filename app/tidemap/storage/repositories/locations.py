@@ -8,6 +8,7 @@ from sqlalchemy import Connection, Select, bindparam, delete, func, insert, sele
 
 from tidemap.errors import LocationExistsError, LocationNotFoundError
 from tidemap.scope import EVERYWHERE, Scope
+from tidemap.storage.changes import UNCOUNTED
 from tidemap.storage.counters import take
 from tidemap.storage.records import LocationRecord
 from tidemap.storage.scoping import inside
@@ -76,6 +77,12 @@ class LocationRepository:
         query = query.order_by(location_table.c.name).limit(limit)
         if after is not None:
             query = query.where(location_table.c.name > after)
+        return [LocationRecord.of(row) for row in self._connection.execute(query).mappings()]
+
+    def posed(self, scope: Scope = EVERYWHERE) -> Sequence[LocationRecord]:
+        """The states in scope that stand somewhere, in order of their names."""
+        query = select(location_table).where(location_table.c.kind == "state", location_table.c.pose.is_not(None))
+        query = query.where(inside(location_table.c.name, scope)).order_by(location_table.c.name)
         return [LocationRecord.of(row) for row in self._connection.execute(query).mappings()]
 
     def names(self) -> dict[int, str]:
@@ -150,7 +157,8 @@ class LocationRepository:
     def judged(self, location_id: int, until: float) -> None:
         """Say up to when what is held was judged."""
         mine = location_table.c.id == location_id
-        self._connection.execute(update(location_table).where(mine).values(judged_to=until))
+        query = update(location_table).where(mine).values(judged_to=until)
+        self._connection.execute(query.execution_options(**UNCOUNTED))
 
     def delete(self, name: str) -> int:
         """With everything that belongs to it; its id. Raises LocationNotFoundError."""

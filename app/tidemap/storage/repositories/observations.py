@@ -25,6 +25,7 @@ from sqlalchemy import (
 from tidemap.errors import CorruptChunkError
 from tidemap.history.measurements import Measurements
 from tidemap.storage.blobs import unpack_measurements
+from tidemap.storage.changes import UNCOUNTED
 from tidemap.storage.records import LocationRecord, ObservationRecord
 from tidemap.storage.tables import location as location_table
 from tidemap.storage.tables import observation
@@ -197,6 +198,7 @@ class ObservationRepository:
             .where(location_table.c.id == location.id, location_table.c.compacted_seq == location.compacted_seq)
             .where(location_table.c.deleted == location.deleted)
             .values(compacted_seq=through)
+            .execution_options(**UNCOUNTED)
         )
         if claimed.rowcount != 1:
             return False
@@ -270,6 +272,7 @@ _NUMBER = (
         judged_to=case((_HELD, _unless(location_table.c.judged_to, location_table.c.judged_to > _FIRST, _FIRST))),
     )
     .returning(location_table.c.observation_seq)
+    .execution_options(**UNCOUNTED)
 )
 _APPEND = insert(observation)
 _PAGES = ("freelist_count", "page_count")

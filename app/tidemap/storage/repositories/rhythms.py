@@ -1,13 +1,13 @@
 """The repository of rhythms: when locations were heard, and since when a server listens."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import asdict
 from typing import Any
 
 from sqlalchemy import Connection, insert, select, update
 
 from tidemap.storage.records import LocationRecord, RhythmRecord
-from tidemap.storage.tables import listening, observation, rhythm
+from tidemap.storage.tables import anomaly, listening, observation, rhythm
 
 
 class RhythmRepository:
@@ -20,6 +20,18 @@ class RhythmRepository:
         """By id of location."""
         rows = self._connection.execute(select(rhythm)).mappings()
         return {row["location_id"]: RhythmRecord(**row) for row in rows}
+
+    def find(self, location_id: int) -> RhythmRecord | None:
+        """That of one location; None where nothing was heard of it yet."""
+        row = self._connection.execute(select(rhythm).where(rhythm.c.location_id == location_id)).mappings().first()
+        return None if row is None else RhythmRecord(**row)
+
+    def silent(self, location_ids: Collection[int]) -> Mapping[int, float]:
+        """Since when those of some locations are silent that are."""
+        event = (anomaly.c.location_id == rhythm.c.location_id) & (anomaly.c.id == rhythm.c.silence)
+        query = select(rhythm.c.location_id, anomaly.c.start).join(anomaly, event)
+        rows = self._connection.execute(query.where(rhythm.c.location_id.in_(location_ids)))
+        return {row.location_id: row.start for row in rows}
 
     def put(self, record: RhythmRecord) -> None:
         """Store what is known of a location now."""

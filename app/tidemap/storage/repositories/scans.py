@@ -64,6 +64,13 @@ class ScanRepository:
             query = query.where(scan.c.id < after)
         return [_record(row) for row in self._connection.execute(query).mappings()]
 
+    def placed_within(self, location_id: int, start: float, stop: float, limit: int) -> Sequence[ScanRecord]:
+        """The newest of [start, stop] whose pose stands, newest first, without points."""
+        mine = (scan.c.location_id == location_id) & (scan.c.verdict != QUARANTINED)
+        within = mine & (scan.c.time >= start) & (scan.c.time <= stop)
+        query = select(*_LISTED).where(within).order_by(scan.c.time.desc(), scan.c.id.desc()).limit(limit)
+        return [_record(row) for row in self._connection.execute(query).mappings()]
+
     def by_source(self, location_id: int, verdict: str) -> dict[str, int]:
         """How many scans of a verdict each source has; '' is of those without a name."""
         own = func.coalesce(scan.c.source, "")

@@ -12,7 +12,7 @@ from sqlalchemy import ColumnElement, Connection, bindparam, delete, insert, sel
 from tidemap.errors import CorruptChunkError
 from tidemap.history.erasing import forget
 from tidemap.history.segment import SEGMENT_SAMPLES, Segment, join
-from tidemap.storage.blobs import pack_segment, unpack_segment
+from tidemap.storage.blobs import observed_counts, pack_segment, unpack_segment
 from tidemap.storage.records import LocationRecord
 from tidemap.storage.tables import history
 
@@ -73,6 +73,22 @@ class SegmentRepository:
                 ends.append(segment.time[[0, -1]] if len(segment.time) else segment.time)
                 ends.append(np.empty(0) if segment.ends is None else segment.ends.time)
         return np.concatenate(ends)
+
+    def counts(self, location: LocationRecord, number: int, stride: int) -> NDArray[np.int64]:
+        """(SEGMENT_SAMPLES,) how many cells were observed in each sample of a segment, of every `stride`th chunk.
+
+        What cannot be read, and what was put aside for it, is not counted.
+        """
+        query = (
+            select(history.c.chunk, history.c.payload)
+            .where(history.c.location_id == location.id, history.c.segment == number)
+            .where(history.c.chunk >= 0, history.c.chunk % stride == 0)
+        )
+        total = np.zeros(SEGMENT_SAMPLES, np.int64)
+        for row in self._connection.execute(query).all():
+            with suppress(CorruptChunkError):
+                total += observed_counts(row.payload, f"chunk {row.chunk} of location {location.name!r}")
+        return total
 
     def put_aside(self, location: LocationRecord, chunk: int, number: int) -> Segment | None:
         """What came in for a segment while it was damaged. Raises CorruptChunkError where that is damaged too."""

@@ -8,7 +8,7 @@ from sqlalchemy import Connection, bindparam, delete, func, insert, select, upda
 from tidemap.errors import CorruptChunkError
 from tidemap.spectral.spectrum import Spectrum
 from tidemap.storage.blobs import pack_json, pack_numbers, pack_spectrum, unpack_spectrum
-from tidemap.storage.records import LocationRecord, RevisionRecord
+from tidemap.storage.records import PERSISTENCE_VERSION, LocationRecord, RevisionRecord
 from tidemap.storage.tables import location as location_table
 from tidemap.storage.tables import revision, spectrum
 
@@ -66,7 +66,8 @@ class SpectrumRepository:
         if shown.rowcount == 1:
             row = {field.name: getattr(record, field.name) for field in fields(record)}
             row["recipe"] = pack_json(record.recipe.as_dict())
-            row["persistence"] = pack_json(record.persistence.as_dict() | {"offset": list(row.pop("offset").items())})
+            lasting = record.persistence.as_dict() | {"offset": list(row.pop("offset").items())}
+            row["persistence"] = pack_json(lasting, PERSISTENCE_VERSION)
             row["detector"] = pack_json(record.detector.as_dict()) if record.detector else None
             row["selection"] = pack_json(record.selection) if record.selection else None
             row["chunks"] = None if record.chunks is None else pack_numbers(record.chunks)

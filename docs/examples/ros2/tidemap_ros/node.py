@@ -80,9 +80,12 @@ class TidemapNode(Node):
                     frame=self.options.frame,
                 )
             except TransformException as error:
-                if self.now() - time.nanoseconds / 1e9 < self.options.tf_wait_s:
+                ahead = time.nanoseconds / 1e9 - self.now()
+                if abs(ahead) < self.options.tf_wait_s:
                     return
-                self.get_logger().warning(f"A scan is dropped: {error}", throttle_duration_sec=LOG_S)
+                # No clock waits for it, or a recording began again and has forgotten its transform.
+                why = f"its stamp is {ahead:.1f} s ahead of the clock: {error}" if ahead > 0 else str(error)
+                self.get_logger().warning(f"A scan is dropped: {why}", throttle_duration_sec=LOG_S)
             except (OutboxError, ValueError) as error:
                 self.get_logger().error(f"A scan is dropped: {error}", throttle_duration_sec=LOG_S)
             self.waiting.popleft()

@@ -5,6 +5,6 @@ import * as anomalies from "./parts/anomalies.js";
 import * as connection from "./parts/connection.js";
 import { byId } from "./dom.js";
 
-const live = new Live("?kind=anomaly,location");
+const live = new Live("?kind=anomaly,location,attention");
 connection.mount(byId("connection"), live);
 anomalies.mount(byId("anomalies"), live);

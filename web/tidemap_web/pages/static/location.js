@@ -2,62 +2,55 @@
 
 import { ask } from "./core/api.js";
 import { Live } from "./core/live.js";
-import { cellOf, momentOf } from "./core/address.js";
-import { LocationState, numberOf } from "./core/location.js";
-import { byId, reason } from "./dom.js";
+import { keepLocation, locationState, numberOf, readLocation, writeLocation } from "./core/location.js";
+import { byId, closest, reason } from "./dom.js";
 import * as anomalies from "./parts/anomalies.js";
 import * as changed from "./parts/changed.js";
 import * as connection from "./parts/connection.js";
+import * as embedded from "./parts/embedded.js";
 import * as evaluation from "./parts/evaluation.js";
 import * as fragment from "./parts/fragment.js";
 import { History } from "./parts/history.js";
 import * as modelCard from "./parts/model_card.js";
 import * as settings from "./parts/settings.js";
+import * as takeChart from "./parts/take_chart.js";
 import * as spectrum from "./parts/spectrum.js";
 import * as weekmap from "./parts/weekmap.js";
 
 const section = byId("history");
-const state = new LocationState(section.dataset);
-const live = new Live(`?location=${encodeURIComponent(state.name)}`, state.path);
-const asked = new URLSearchParams(window.location.search);
-const linked = cellOf(asked.get("cell"));
-if (state.isGrid && linked !== null) choose(linked);
+const state = locationState(section.dataset);
+state.change(readLocation(window.location.search, state.values));
+const { name, path, isGrid } = state.values;
+const live = new Live(`?location=${encodeURIComponent(name)}`, path);
 
+keepLocation(state);
 connection.mount(byId("connection"), live);
 changed.mount(byId("notice"), state, live);
 changed.mountUpdate(byId("jobs"), state);
-anomalies.mount(byId("anomalies"), live, state.name);
+anomalies.mount(byId("anomalies"), live, name);
 fragment.mount("facts", live, (message) => message.kind !== "job");
-fragment.mount("work", live, (message) => message.kind === "job");
+fragment.mount("work", live, (message) => message.kind === "job" || message.kind === "observation");
 evaluation.mount(byId("evaluation"), state);
 settings.mount(byId("settings-form"), state);
 weekmap.mount(byId("week"), state);
-
-const history = new History(section, byId("chart"), state, live);
-const moment = momentOf(asked.get("time"));
-if (moment === null) history.load();
-else history.choose("week", [moment - 43200, moment + 43200]);
-
-/** @param {number} cell */
-function choose(cell) {
-  const input = document.getElementById("cell");
-  if (input instanceof HTMLInputElement) input.value = String(cell);
-  const query = new URLSearchParams(window.location.search);
-  query.set("cell", String(cell));
-  window.history.replaceState(null, "", `?${query}`);
-  state.change({ cell });
-}
+takeChart.mount(byId("take"), state);
+new History(section, byId("chart"), state, live);
+const viewer = document.querySelector("iframe.viewer");
+if (viewer instanceof HTMLIFrameElement) embedded.host(viewer, state);
+const lead = () => document.getElementById("alone")?.setAttribute("href", `/view/${writeLocation(state.values, `?location=${encodeURIComponent(name)}`)}`);
+state.subscribe((names) => (names.has("cell") || names.has("time")) && lead());
+lead();
 
 async function showModel() {
   const [rhythms, card] = [byId("spectrum"), byId("model-card")];
-  if (state.cell === null) return (rhythms.textContent = card.textContent = "Choose a cell above.");
-  if (!state.revision) return (rhythms.textContent = card.textContent = "There is no model yet. It is made when enough has been observed.");
+  const { cell, revision } = state.values;
+  if (cell === null) return (rhythms.textContent = card.textContent = "Choose a cell above.");
+  if (!revision) return (rhythms.textContent = card.textContent = "There is no model yet. It is made when enough has been observed.");
   try {
-    const cell = state.cell;
-    const model = await ask(`${state.path}/model?cell=${cell}`);
-    if (cell !== state.cell) return;
-    spectrum.draw(rhythms, model, state);
-    modelCard.draw(card, model, state);
+    const model = await ask(`${path}/model?cell=${cell}`);
+    if (cell !== state.values.cell) return;
+    spectrum.draw(rhythms, model, state.values);
+    modelCard.draw(card, model, state.values);
   } catch (error) {
     rhythms.textContent = card.textContent = reason(error);
   }
@@ -67,22 +60,24 @@ state.subscribe((names) => (names.has("cell") || names.has("revision")) && showM
 live.onConnection((since) => since === null && showModel());
 showModel();
 
-// The viewer and the page show the same cell; each says what is chosen in it.
-const viewer = document.querySelector("iframe.viewer");
-/** @param {{ time?: number }} also the moment that the page begins with, where its address has one */
-const share = (also = {}) => {
-  if (viewer instanceof HTMLIFrameElement) viewer.contentWindow?.postMessage({ kind: "cell", cell: state.cell, ...also }, window.location.origin);
-};
-viewer?.addEventListener("load", () => share(moment === null ? {} : { time: moment }));
-state.subscribe((names) => names.has("cell") && share());
-
+const showCell = () => isGrid && state.values.cell !== null && (byId("cell").value = String(state.values.cell));
+state.subscribe((names) => names.has("cell") && showCell());
+showCell();
 document.getElementById("cell-form")?.addEventListener("submit", (event) => {
   event.preventDefault();
-  choose(Number(byId("cell").value));
+  state.change({ cell: Number(byId("cell").value) }, "push");
 });
-window.addEventListener("message", (event) => {
-  if (event.origin === window.location.origin && event.data?.kind === "cell") choose(event.data.cell);
+
+// An anomaly of this page leads to its moment in this page: in the scene and in the chart.
+byId("anomalies").addEventListener("click", (event) => {
+  const link = closest(event, "a[data-time]");
+  if (!link || event.ctrlKey || event.metaKey || event.shiftKey) return;
+  event.preventDefault();
+  const cell = numberOf(link.dataset.cell);
+  state.change({ time: Number(link.dataset.time), ...(cell === null ? {} : { cell }) }, "push");
+  (viewer ?? section).scrollIntoView({ block: "start", behavior: "smooth" });
 });
+
 document.body.addEventListener("htmx:afterSwap", () => {
   const { first, last, revision } = byId("facts").dataset;
   state.change({ first: numberOf(first), last: numberOf(last), revision: Number(revision) });

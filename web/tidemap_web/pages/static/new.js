@@ -51,10 +51,10 @@ function body(data) {
 function ready(name, kind) {
   form.hidden = true;
   const shown = byId("ready");
-  const usual = kind === "state" ? "state" : "grid";
+  const kinds = kind === "state" ? [kind] : [kind, "grid"];
   for (const code of shown.querySelectorAll("[data-of]")) {
     if (!(code instanceof HTMLElement)) continue;
-    code.hidden = code.dataset.of !== usual;
+    code.hidden = !kinds.includes(code.dataset.of ?? "");
     const text = code.querySelector("code");
     if (text) text.textContent = (text.textContent ?? "").replaceAll("NAME", name);
   }

@@ -5,8 +5,12 @@ import { setClock } from "./core/clock.js";
 import { State, initialView } from "./core/state.js";
 import { all } from "./dom.js";
 import { mount as mountCell } from "./parts/cell.js";
+import { mount as mountEmbedded } from "./parts/embedded.js";
 import { mount as mountLayers } from "./parts/layers.js";
+import { mount as mountBuilding } from "./parts/building.js";
+import { mount as mountCrop } from "./parts/crop.js";
 import { SceneView } from "./parts/scene.js";
+import { mount as mountTake } from "./parts/take.js";
 import { mount as mountTimeline } from "./parts/timeline.js";
 import { mount as mountTransport } from "./parts/transport.js";
 /** @import { ViewState } from "../../../types.d.ts" */
@@ -21,10 +25,14 @@ const view = new SceneView(state, { token, scene, ratio: asked.get("fixedDpr"), 
 const aim = (/** @type {"slanted" | "above"} */ from) => view.aim(from);
 keepAddress(state);
 mountLayers(state, aim);
+mountCrop(state);
+mountBuilding(state, embedded);
 const transport = mountTransport(state, aim);
 const go = (/** @type {number} */ time, /** @type {"push" | "replace"} */ entry) => transport.go(time, entry);
 mountTimeline(all(".timeline")[0], state, go);
+mountTake(state);
 mountCell(state, { embedded, go });
+if (embedded) mountEmbedded(state);
 
 /** @param {KeyboardEvent} event */
 function keys(event) {

@@ -29,6 +29,21 @@ export function cellOf(text) {
 }
 
 /**
+ * The camera of an address: where it is, what is in its middle, and how wide it sees where that is not as usual.
+ * @param {string | null} text
+ */
+const cameraOf = (text) => numbers(text, 6) ?? numbers(text, 7);
+
+/**
+ * The first and last cells along x and y of an address.
+ * @param {string | null} text such as `0-9,3-5`
+ */
+function cropOf(text) {
+  const found = /^(\d{1,5})-(\d{1,5}),(\d{1,5})-(\d{1,5})$/.exec(text ?? "")?.slice(1).map(Number);
+  return found && found.every((each) => each <= 65535) && found[0] <= found[1] && found[2] <= found[3] ? found : null;
+}
+
+/**
  * @param {string | null} text
  * @param {number} low
  * @param {number} high
@@ -46,10 +61,24 @@ function numberIn(text, low, high) {
  */
 const oneOf = (text, choices) => choices.find((choice) => choice === text) ?? choices[0];
 
-/** @param {string | null} text */
-function numbers(text) {
+/**
+ * So many numbers of an address, null where it has others.
+ * @param {string | null} text
+ * @param {number} count
+ */
+function numbers(text, count) {
   const found = (text ?? "").split(",").map(Number);
-  return found.length === 6 && found.every(Number.isFinite) && text ? found : null;
+  return found.length === count && found.every(Number.isFinite) && text ? found : null;
+}
+
+/**
+ * The loop of an address, from a moment to a later one.
+ * @param {string | null} text
+ * @returns {[number, number] | null}
+ */
+function loopIn(text) {
+  const [start, stop] = numbers(text, 2) ?? [0, 0];
+  return start < stop && Math.abs(start) <= FARTHEST && Math.abs(stop) <= FARTHEST ? [start, stop] : null;
 }
 
 /**
@@ -72,11 +101,13 @@ export function readAddress(search) {
     dim: asked.get("walls") !== "coloured",
     low: numberIn(low ?? null, 0, 65535),
     high: numberIn(high ?? null, 0, 65535),
+    crop: cropOf(asked.get("crop")),
     layout: oneOf(asked.get("layout"), /** @type {const} */ (["beside", "overlay", "difference"])),
-    predicted: oneOf(asked.get("predicted"), /** @type {const} */ (["probability", "verdict", "entropy"])),
+    predicted: oneOf(asked.get("predicted"), /** @type {const} */ (["probability", "verdict", "entropy", "day"])),
     observed: oneOf(asked.get("observed"), /** @type {const} */ (["seen", "age"])),
     cell: cellOf(asked.get("cell")),
-    camera: numbers(asked.get("camera")),
+    camera: cameraOf(asked.get("camera")),
+    loop: loopIn(asked.get("loop")),
     zone: oneOf(asked.get("zone"), /** @type {const} */ (["location", "mine", "UTC"])),
   };
 }
@@ -98,8 +129,10 @@ export function writeAddress(view, search) {
   set("time", view.live || view.time === null ? null : Math.round(view.time * 1000) / 1000);
   for (const name of /** @type {const} */ (["confidence", "order", "cell"])) set(name, view[name]);
   for (const name of /** @type {const} */ (["floor", "layout", "predicted", "observed", "zone"])) set(name, view[name], DEFAULTS[name]);
+  set("crop", view.crop && `${view.crop[0]}-${view.crop[1]},${view.crop[2]}-${view.crop[3]}`);
   set("walls", view.dim ? null : "coloured");
   set("slice", view.low === null && view.high === null ? null : `${view.low ?? 0}-${view.high ?? 65535}`);
+  set("loop", view.loop?.map(Math.round).join(",") ?? null);
   set("camera", view.camera?.map((value) => Number(value.toFixed(2))).join(",") ?? null);
   return `?${query}`;
 }
@@ -127,7 +160,7 @@ export function keepAddress(state) {
     clearTimeout(timer);
     query = window.location.search;
     const asked = readAddress(query);
-    const elsewhere = asked.location !== state.values.location ? { grid: null, frame: null, events: [], span: null } : {};
+    const elsewhere = asked.location !== state.values.location ? { grid: null, frame: null, events: [], span: null, loop: null } : {};
     state.change({ ...asked, ...elsewhere, playing: false });
   });
 }

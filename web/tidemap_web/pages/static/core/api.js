@@ -12,9 +12,31 @@ export function signIn() {
  * @returns {Promise<any>}
  */
 export async function ask(path, options = {}) {
+  const answer = await answered(path, options);
+  return answer.status === 204 ? null : answer.json();
+}
+
+/**
+ * A file, with the name that the server gives it.
+ * @param {string} path
+ * @param {string} mediaType
+ * @returns {Promise<{ content: Blob, name: string }>}
+ */
+export async function askFile(path, mediaType) {
+  const answer = await answered(path, { headers: { Accept: mediaType } });
+  const name = /filename="([^"]+)"/.exec(answer.headers.get("Content-Disposition") ?? "")?.[1] ?? "tidemap";
+  return { content: await answer.blob(), name };
+}
+
+/**
+ * An answer that is no problem.
+ * @param {string} path
+ * @param {RequestInit} options
+ */
+async function answered(path, options) {
   const answer = await fetched(path, options);
   if (answer.status === 401) signIn();
-  if (answer.ok) return answer.status === 204 ? null : answer.json();
+  if (answer.ok) return answer;
   let problem = { status: answer.status, detail: `The server answered ${answer.status}.` };
   try {
     problem = { ...problem, ...(await answer.json()) };

@@ -1,6 +1,6 @@
 // The colours of the pages, as the style sheet has them in this scheme.
 
-const NAMES = ["ink", "quiet", "line", "grid", "predicted", "occupied", "free", "uncertain", "anomaly", "future", "paper", "raised", "accent"];
+const NAMES = ["ink", "quiet", "line", "grid", "predicted", "occupied", "free", "uncertain", "anomaly", "future", "seen", "loop", "paper", "raised", "accent"];
 
 /** @returns {Record<string, string>} */
 export function colours() {

@@ -1,41 +1,32 @@
-// What a location's page shows: the location as it is now, and the cell that is chosen. Parts of the page subscribe.
+// What a location's page shows: the location as it is now, the cell that is chosen and the moment. Its address has both.
 
-/** @typedef {"cell" | "first" | "last" | "revision"} Fact */
+import { cellOf, momentOf } from "./address.js";
+import { State } from "./state.js";
+/** @import { LocationView } from "../../../../types.d.ts" */
 
-export class LocationState {
-  /** @param {DOMStringMap} facts of the page's element that names the location */
-  constructor(facts) {
-    this.name = facts.location ?? "";
-    this.zone = facts.zone ?? "UTC";
-    this.isGrid = facts.kind !== "state";
-    this.interval = Number(facts.interval);
-    this.confidence = Number(facts.confidence);
-    this.revision = Number(facts.revision);
-    this.first = numberOf(facts.first);
-    this.last = numberOf(facts.last);
-    /** @type {number | null} */
-    this.cell = this.isGrid ? null : 0;
-    this.path = `/locations/${encodeURIComponent(this.name)}`;
-    /** @type {Set<(changed: Set<Fact>) => void>} */
-    this.subscribers = new Set();
-  }
+const QUIET_MS = 300;
 
-  /**
-   * Call `report` with the names of what has changed.
-   * @param {(changed: Set<Fact>) => void} report
-   */
-  subscribe(report) {
-    this.subscribers.add(report);
-  }
-
-  /** @param {Partial<Record<Fact, number | null>>} values */
-  change(values) {
-    const names = /** @type {Fact[]} */ (Object.keys(values));
-    const changed = new Set(names.filter((name) => this[name] !== values[name]));
-    if (!changed.size) return;
-    Object.assign(this, values);
-    for (const report of this.subscribers) report(changed);
-  }
+/**
+ * From what the page's element says of the location.
+ * @param {DOMStringMap} facts
+ * @returns {State<LocationView>}
+ */
+export function locationState(facts) {
+  const name = facts.location ?? "";
+  const isGrid = facts.kind !== "state";
+  return new State({
+    name, isGrid,
+    path: `/locations/${encodeURIComponent(name)}`,
+    zone: facts.zone ?? "UTC",
+    interval: Number(facts.interval),
+    confidence: Number(facts.confidence),
+    revision: Number(facts.revision),
+    first: numberOf(facts.first),
+    last: numberOf(facts.last),
+    cell: isGrid ? null : 0,
+    time: null,
+    span: null,
+  });
 }
 
 /**
@@ -43,3 +34,46 @@ export class LocationState {
  * @param {string | undefined} text
  */
 export const numberOf = (text) => (text === undefined || text === "" ? null : Number(text));
+
+/**
+ * The cell and the moment that an address asks for.
+ * @param {string} search
+ * @param {LocationView} view
+ * @returns {Pick<LocationView, "cell" | "time">}
+ */
+export function readLocation(search, { isGrid }) {
+  const asked = new URLSearchParams(search);
+  return { cell: isGrid ? cellOf(asked.get("cell")) : 0, time: momentOf(asked.get("time")) };
+}
+
+/**
+ * The query that shows the same; other parameters stay.
+ * @param {LocationView} view
+ * @param {string} search
+ */
+export function writeLocation({ cell, time, isGrid }, search) {
+  const query = new URLSearchParams(search);
+  const set = (/** @type {string} */ name, /** @type {number | null} */ value) => (value === null ? query.delete(name) : query.set(name, String(value)));
+  set("cell", isGrid ? cell : null);
+  set("time", time === null ? null : Math.round(time * 1000) / 1000);
+  return query.size ? `?${query}` : window.location.pathname;
+}
+
+/**
+ * Keep the address and the page together: what is chosen makes an entry, what moves changes the current one.
+ * @param {State<LocationView>} state
+ */
+export function keepLocation(state) {
+  let timer = 0;
+  state.subscribe((changed, entry) => {
+    if (entry === "none" || !(changed.has("cell") || changed.has("time"))) return;
+    clearTimeout(timer);
+    const address = () => writeLocation(state.values, window.location.search) + window.location.hash;
+    if (entry === "push") history.pushState(null, "", address());
+    else timer = setTimeout(() => history.replaceState(null, "", address()), QUIET_MS);
+  });
+  window.addEventListener("popstate", () => {
+    clearTimeout(timer);
+    state.change(readLocation(window.location.search, state.values));
+  });
+}

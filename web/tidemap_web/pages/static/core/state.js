@@ -53,7 +53,7 @@ function same(one, other) {
  * @returns {ViewState}
  */
 export const initialView = () => ({
-  location: null, time: null, live: true, confidence: null, order: null, floor: 0.1, dim: true, low: null, high: null,
+  location: null, time: null, live: true, confidence: null, order: null, floor: 0.1, dim: true, low: null, high: null, crop: null, markers: [], marker: null,
   layout: "beside", predicted: "probability", observed: "seen", cell: null, camera: null, zone: "location",
-  reach: null, span: null, grid: null, frame: null, events: [], playing: false,
+  reach: null, span: null, loop: null, grid: null, frame: null, events: [], playing: false,
 });

@@ -16,7 +16,7 @@ export function mount(section, live, location = null) {
   const form = section.querySelector("form[data-acknowledging]");
   if (!(form instanceof HTMLFormElement)) return;
   // Where all are listed, those of a location go with it, or are called by its new name.
-  fragment.mount(TABLE, live, (message) => location === null || message.kind === "anomaly");
+  fragment.mount(TABLE, live, (message) => location === null || message.kind === "anomaly" || message.kind === "attention");
   const update = () => showChosen(form, chosen());
   section.addEventListener("change", update);
   document.body.addEventListener("htmx:afterSwap", update);

@@ -1,12 +1,14 @@
 // The selected cell: its facts at the moment that is shown, and its series over what the timeline covers.
 
 import { ask } from "../core/api.js";
-import { colours, verdictOf } from "../core/colours.js";
+import { colours } from "../core/colours.js";
+import { lastSeenText, probabilityText } from "../core/facts.js";
+import { drawStrips } from "../core/strips.js";
 import { zoneOf } from "../core/time.js";
-import { clockText, dayText, durationText } from "../core/words.js";
+import { windowOf } from "../core/window.js";
+import { clockText, dayText } from "../core/words.js";
 import { byId as $, reason } from "../dom.js";
 import { pairs } from "./layers.js";
-import { windowOf } from "./timeline.js";
 /** @import { State } from "../core/state.js" */
 /** @import { CellFacts, Series, ViewState } from "../../../../types.d.ts" */
 
@@ -20,7 +22,7 @@ const STRIP = 7;
  */
 export function mount(state, { embedded, go }) {
   const canvas = $("series");
-  /** @type {Series | null} */
+  /** @type {(Series & { step: number }) | null} */
   let series = null;
   let asked = "";
   let timer = 0;
@@ -38,7 +40,7 @@ export function mount(state, { embedded, go }) {
     try {
       const answer = await ask(question);
       if (version !== asked) return;
-      series = answer;
+      series = { ...answer, step };
       $("series-note").textContent = "";
     } catch (error) {
       series = null;
@@ -56,30 +58,12 @@ export function mount(state, { embedded, go }) {
     clearTimeout(timer);
     timer = setTimeout(load, QUIET_MS);
   });
-  if (embedded) shareCell(state);
   canvas.addEventListener("pointerdown", (event) => {
     const [low, high] = windowOf(state.values);
     go(low + (event.offsetX / canvas.clientWidth) * (high - low), "push");
   });
   new ResizeObserver(redraw).observe(canvas);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
-}
-
-/**
- * The page around the viewer shows the same cell; each says what is chosen in it.
- * @param {State<ViewState>} state
- */
-function shareCell(state) {
-  const { origin } = window.location;
-  state.subscribe((changed) => {
-    const { cell } = state.values;
-    if (changed.has("cell") && cell !== null) parent.postMessage({ kind: "cell", cell }, origin);
-  });
-  window.addEventListener("message", (event) => {
-    if (event.origin !== origin || event.source !== parent || event.data?.kind !== "cell") return;
-    const { cell, time } = event.data;
-    state.change({ cell, ...(time === undefined ? {} : { time, live: false }) });
-  });
 }
 
 /**
@@ -92,14 +76,12 @@ function showFacts(view, embedded) {
   $("selected-none").textContent = view.cell === null || !view.frame ? "Click a cell in the scene to inspect it." : `Cell ${view.cell} has never been observed.`;
   $("series").hidden = cell === null;
   if (cell === null) return $("selected-facts").replaceChildren();
-  const seen = cell.observed === null ? "never by then" : cell.observed ? "occupied" : "free";
-  const ago = cell.observed_time === null ? "–" : `${durationText((view.frame?.time ?? 0) - cell.observed_time)} before`;
   pairs($("selected-facts"), [
     ["Number", String(cell.cell)],
     ["Index", `[${cell.index.join(", ")}]`],
     ["Centre", `${cell.position_m.join(", ")} m`],
-    ["Probability", cell.probability === null ? "–" : `${cell.probability.toFixed(3)}, ${cell.verdict}`],
-    ["Last seen", `${seen}, ${ago}`],
+    ["Probability", probabilityText(cell)],
+    ["Last seen", lastSeenText(cell, view.frame?.time ?? 0)],
     ...(embedded ? [] : [linkTo(view.location ?? "", cell)]),
   ]);
 }
@@ -119,7 +101,7 @@ function linkTo(location, cell) {
 /**
  * The curve of p, a strip of what it says at the confidence, a strip of what was observed, and the moment shown.
  * @param {HTMLCanvasElement} canvas
- * @param {Series | null} series
+ * @param {(Series & { step: number }) | null} series
  * @param {ViewState} view
  */
 function draw(canvas, series, view) {
@@ -147,16 +129,9 @@ function draw(canvas, series, view) {
     pen = p !== null;
   }
   ctx.stroke();
-  const says = series.probability.map((p) => verdictOf(p, confidence));
-  const step = series.time.length > 1 ? series.time[1] - series.time[0] : view.grid.interval_s;
-  for (const [row, values] of [says, series.observed].entries()) {
-    for (const [i, value] of values.entries()) {
-      if (value === null) continue;
-      ctx.fillStyle = [c.free, row ? c.occupied : c.predicted, c.uncertain][value];
-      const left = Math.floor(x(series.time[i]));
-      ctx.fillRect(left, bottom + 2 + row * (STRIP + 2), Math.max(1, Math.ceil(x(series.time[i] + step)) - left), STRIP);
-    }
-  }
+  const within = (/** @type {number} */ time) => Math.min(width, Math.max(0, x(time)));
+  const top = (/** @type {number} */ row) => bottom + 2 + row * (STRIP + 2);
+  drawStrips(ctx, series, { confidence, x: within, top, height: STRIP, least: 1 });
   label(ctx, low, high, width, height, c, zoneOf(view.zone, view.grid.time_zone));
   if (view.time === null) return;
   ctx.fillStyle = c.ink;

@@ -1,6 +1,7 @@
 // Predicted probability and what was observed, over time: a curve, and two strips below it.
 
-import { colours, verdictOf } from "../core/colours.js";
+import { colours } from "../core/colours.js";
+import { drawStrips } from "../core/strips.js";
 import { stepOf, tickTexts, ticksOf } from "../core/ticks.js";
 import { timeText, zoneText } from "../core/words.js";
 /** @import { ChartState, Plot, Series } from "../../../../types.d.ts" */
@@ -9,58 +10,46 @@ import { timeText, zoneText } from "../core/words.js";
 const STRIP = 10;
 const ROWS = 3;
 const ANOMALY_MIN_PX = 3;
-
-/**
- * Runs of equal values as [first, past, value].
- * @template Value
- * @param {Value[]} values
- * @returns {Generator<[number, number, Value]>}
- */
-function* runs(values) {
-  let first = 0;
-  for (let i = 1; i <= values.length; i++) {
-    if (i === values.length || values[i] !== values[first]) {
-      yield [first, i, values[first]];
-      first = i;
-    }
-  }
-}
+const DRAG_MIN_PX = 4;
 
 /** @param {ChartState} state */
-function drawStrips(state) {
+function drawMarks(state) {
   return (/** @type {Plot} */ chart) => {
     const { ctx, bbox } = chart;
     const ratio = devicePixelRatio;
     const c = colours();
-    const times = state.series.time;
-    const step = state.step;
     const x = (/** @type {number} */ time) => Math.min(bbox.left + bbox.width, Math.max(bbox.left, chart.valToPos(time, "x", true)));
-    const row = (/** @type {number} */ index) => bbox.top + bbox.height - (ROWS - index) * (STRIP + 3) * ratio + 2 * ratio;
+    const top = (/** @type {number} */ row) => bbox.top + bbox.height - (ROWS - row) * (STRIP + 3) * ratio + 2 * ratio;
     ctx.save();
-    const says = state.series.probability.map((p) => verdictOf(p, state.confidence));
-    for (const [index, values] of [says, state.series.observed].entries()) {
-      for (const [first, past, value] of runs(values)) {
-        if (value === null) continue;
-        const left = x(times[first]);
-        ctx.fillStyle = [c.free, index ? c.occupied : c.predicted, c.uncertain][value];
-        ctx.fillRect(left, row(index), Math.max(ratio, x(times[past - 1] + step) - left), STRIP * ratio);
-      }
-    }
+    drawStrips(ctx, state.series, { confidence: state.confidence, x, top, height: STRIP * ratio, least: ratio });
     ctx.fillStyle = c.quiet;
     for (const [start, stop] of state.outliers) {
       const left = x(start);
-      if (x(stop) > left) ctx.fillRect(left, row(2), Math.max(ratio, x(stop) - left), (STRIP / 2) * ratio);
+      if (x(stop) > left) ctx.fillRect(left, top(2), Math.max(ratio, x(stop) - left), (STRIP / 2) * ratio);
     }
     ctx.fillStyle = c.anomaly;
     for (const event of state.events) {
       const left = x(event.start);
       const right = x(event.stop);
       if (right <= bbox.left || left >= bbox.left + bbox.width) continue;
-      ctx.fillRect(left, row(1) - 2 * ratio, Math.max(ANOMALY_MIN_PX * ratio, right - left), (STRIP + 4) * ratio);
+      ctx.fillRect(left, top(1) - 2 * ratio, Math.max(ANOMALY_MIN_PX * ratio, right - left), (STRIP + 4) * ratio);
       drawJudgement(chart, event.start, event.probability);
     }
+    drawMoment(chart, state.moment());
     ctx.restore();
   };
+}
+
+/**
+ * The moment that the page shows.
+ * @param {Plot} chart
+ * @param {number | null} time
+ */
+function drawMoment({ ctx, bbox, valToPos }, time) {
+  const at = time === null ? -1 : valToPos(time, "x", true);
+  if (at < bbox.left || at > bbox.left + bbox.width) return;
+  ctx.fillStyle = colours().ink;
+  ctx.fillRect(at - 0.75 * devicePixelRatio, bbox.top, 1.5 * devicePixelRatio, bbox.height);
 }
 
 /**
@@ -158,14 +147,14 @@ export function legendOf(revision) {
 }
 
 /**
- * Draw into `host`. `state`: {series, events, last, confidence, step}; calls `zoomed(start, stop)` after a drag.
+ * Draw into `host`; a drag chooses a range, a click a moment.
  * @param {HTMLElement} host
  * @param {HTMLElement} reading
  * @param {ChartState} state
  * @param {string} zone
- * @param {(start: number, stop: number) => void} zoomed
+ * @param {{ zoom: (start: number, stop: number) => void, go: (time: number) => void }} chosen
  */
-export function draw(host, reading, state, zone, zoomed) {
+export function draw(host, reading, state, zone, { zoom, go }) {
   const c = colours();
   const { series } = state;
   /** @param {Plot} chart */
@@ -190,7 +179,7 @@ export function draw(host, reading, state, zone, zoomed) {
       padding: [8, 6, 0, 0],
       legend: { show: false },
       cursor: { y: false, drag: { x: true, y: false, setScale: false } },
-      scales: { x: { time: true }, y: { range: [-0.2, 1.1] } },
+      scales: { x: { time: true, range: () => state.span }, y: { range: [-0.2, 1.1] } },
       series: [{}, { stroke: c.predicted, width: 2, points: { show: false } }],
       axes: [
         timeAxis(c, zone),
@@ -202,13 +191,13 @@ export function draw(host, reading, state, zone, zoomed) {
       ],
       hooks: {
         drawClear: [drawBack(state)],
-        draw: [drawStrips(state), drawForecast(state)],
+        draw: [drawMarks(state), drawForecast(state)],
         setCursor: [read],
         setSelect: [
           (/** @type {Plot} */ made) => {
             const { left, width } = made.select;
-            if (width < 4) return;
-            zoomed(made.posToVal(left, "x"), made.posToVal(left + width, "x"));
+            if (width < DRAG_MIN_PX) return;
+            zoom(made.posToVal(left, "x"), made.posToVal(left + width, "x"));
             made.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
           },
         ],
@@ -217,6 +206,11 @@ export function draw(host, reading, state, zone, zoomed) {
     [series.time, series.probability],
     host,
   );
+  let pressed = 0;
+  chart.over.addEventListener("pointerdown", (event) => (pressed = event.offsetX));
+  chart.over.addEventListener("click", (event) => {
+    if (Math.abs(event.offsetX - pressed) < DRAG_MIN_PX) go(chart.posToVal(event.offsetX, "x"));
+  });
   return chart;
 }
 

@@ -31,14 +31,11 @@ export function mount(banner, live) {
   document.body.addEventListener("htmx:afterSwap", showAges);
 }
 
-/** Every `<time data-age>` says how long ago it is, and what has been silent for too long says so. */
+/** Every `<time data-age>` says how long ago it is. */
 export function showAges() {
   const time = now();
   for (const element of document.querySelectorAll("time[data-age]")) {
     const text = relativeText(Number(element.getAttribute("data-age")), time);
     if (element.textContent !== text) element.textContent = text;
-  }
-  for (const element of document.querySelectorAll("[data-silent-at]")) {
-    element.classList.toggle("silent", Number(element.getAttribute("data-silent-at")) < time);
   }
 }

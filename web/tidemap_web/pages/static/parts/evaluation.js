@@ -4,8 +4,8 @@ import { post } from "../core/api.js";
 import { scale, svg } from "../core/svg.js";
 import { durationText, percentText } from "../core/words.js";
 import { reason } from "../dom.js";
-/** @import { LocationState } from "../core/location.js" */
-/** @import { Evaluation, Score } from "../../../../types.d.ts" */
+/** @import { State } from "../core/state.js" */
+/** @import { Evaluation, LocationView, Score } from "../../../../types.d.ts" */
 
 const ORDERS = [0, 1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20];
 const HORIZONS = [300, 3600, 4 * 3600, 86400, 7 * 86400];
@@ -14,7 +14,7 @@ const [WIDTH, HEIGHT, LEFT, BASE] = [360, 220, 40, 190];
 
 /**
  * @param {HTMLElement} section with a button, and room for the answer
- * @param {LocationState} state
+ * @param {State<LocationView>} state
  */
 export function mount(section, state) {
   const button = section.querySelector("button");
@@ -24,7 +24,7 @@ export function mount(section, state) {
     button.disabled = true;
     host.textContent = "Learning from the first three quarters of the history, and scoring the last …";
     try {
-      show(host, await evaluate(state));
+      show(host, await evaluate(state.values));
     } catch (error) {
       host.textContent = reason(error);
     }
@@ -34,16 +34,16 @@ export function mount(section, state) {
 
 /**
  * What is learned from the first three quarters of a history is scored on the last.
- * @param {LocationState} state
+ * @param {LocationView} view
  * @returns {Promise<Evaluation>}
  */
-function evaluate(state) {
-  if (state.first === null || state.last === null) return Promise.reject(new Error("Nothing has been observed yet."));
-  const middle = state.first + 0.75 * (state.last - state.first);
-  const horizons_s = HORIZONS.filter((horizon) => horizon >= state.interval && horizon < (state.last ?? 0) - middle);
-  return post(`${state.path}/evaluate`, {
-    orders: ORDERS, estimators: [...ESTIMATORS, "static"], horizons_s, start: middle, stop: state.last + state.interval,
-    train_start: state.first, ...(horizons_s.length ? {} : { train_stop: middle }),
+function evaluate({ first, last, interval, path }) {
+  if (first === null || last === null) return Promise.reject(new Error("Nothing has been observed yet."));
+  const middle = first + 0.75 * (last - first);
+  const horizons_s = HORIZONS.filter((horizon) => horizon >= interval && horizon < last - middle);
+  return post(`${path}/evaluate`, {
+    orders: ORDERS, estimators: [...ESTIMATORS, "static"], horizons_s, start: middle, stop: last + interval,
+    train_start: first, ...(horizons_s.length ? {} : { train_stop: middle }),
   });
 }
 

@@ -1,32 +1,35 @@
 // The history of a cell: a chart of a range, and below it all of the history with that range to drag.
 
 import { ask } from "../core/api.js";
+import { seriesQuestion } from "../core/series.js";
 import { all, closest, reason } from "../dom.js";
 import { brush, draw, legendOf } from "./chart.js";
-/** @import { LocationState } from "../core/location.js" */
 /** @import { Live } from "../core/live.js" */
-/** @import { Anomaly, Model, Plot, Series } from "../../../../types.d.ts" */
+/** @import { State } from "../core/state.js" */
+/** @import { Anomaly, LocationView, Model, Plot, Series } from "../../../../types.d.ts" */
 
 const POINTS = 1500;
 const DAY = 86400;
+const BEFORE = 0.25;
+const QUIET_MS = 150;
 
 export class History {
   /**
    * @param {HTMLElement} section
    * @param {HTMLElement} host
-   * @param {LocationState} state
+   * @param {State<LocationView>} state
    * @param {Live} live
    */
   constructor(section, host, state, live) {
     this.section = section;
     this.host = host;
     this.state = state;
+    /** @type {string | null} what the range is called, null of one that was drawn */
     this.range = "week";
-    /** @type {[number, number] | null} */
-    this.zoom = null;
-    /** @type {{ destroy(): void, setSize(size: { width: number, height: number }): void }[]} */
+    /** @type {Plot[]} */
     this.charts = [];
     this.latest = 0;
+    this.timer = 0;
     this.reading = document.createElement("p");
     this.reading.className = "reading";
     this.legend = document.createElement("div");
@@ -34,17 +37,21 @@ export class History {
     this.whole = document.createElement("div");
     this.whole.className = "brush";
     host.after(this.whole, this.legend, this.reading);
-    state.subscribe((changed) => (changed.has("cell") || changed.has("revision") || !this.zoom) && this.load());
+    state.subscribe((changed) => this.update(changed));
     live.onConnection((since) => since === null && this.load());
     this.listen();
+    const { time } = state.values;
+    if (time === null) this.choose("week");
+    else this.show([time - DAY / 2, time + DAY / 2]);
+    this.load();
   }
 
   listen() {
     this.section.addEventListener("click", (event) => {
       const button = closest(event, "[data-range]");
-      if (button) this.choose(button.dataset.range ?? this.range, null);
+      if (button) this.choose(button.dataset.range ?? "week");
     });
-    this.host.addEventListener("dblclick", () => this.choose(this.range, null));
+    this.host.addEventListener("dblclick", () => this.choose(this.range ?? "week"));
     let width = 0;
     new ResizeObserver(() => {
       if (this.host.clientWidth === width) return;
@@ -55,48 +62,84 @@ export class History {
   }
 
   /**
-   * @param {string} range
-   * @param {[number, number] | null} zoom
+   * What has changed is drawn: another range or model anew, another moment in the range as a line.
+   * @param {Set<string>} changed
    */
-  choose(range, zoom) {
-    this.range = range;
-    this.zoom = zoom;
-    for (const button of all("#history [data-range]")) {
-      button.setAttribute("aria-pressed", String(!zoom && button.dataset.range === range));
+  update(changed) {
+    const { time, span } = this.state.values;
+    if (this.range && (changed.has("first") || changed.has("last"))) this.choose(this.range);
+    if (changed.has("time") && time !== null && span && (time < span[0] || time > span[1])) {
+      const begin = time - BEFORE * (span[1] - span[0]);
+      this.show([begin, begin + span[1] - span[0]]);
     }
-    this.load();
+    if (changed.has("span")) this.press();
+    if (["cell", "revision", "span", "last"].some((name) => changed.has(name))) this.soon();
+    else if (changed.has("time")) this.charts[0]?.redraw(false, false);
   }
 
-  /** @returns {[number, number]} */
-  bounds() {
-    if (this.zoom) return this.zoom;
+  /** A range that is being dragged in the viewer is asked for when it rests. */
+  soon() {
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => this.load(), QUIET_MS);
+  }
+
+  /** @param {string} range one that has a button */
+  choose(range) {
+    this.range = range;
+    this.show(this.bounds(range), range);
+  }
+
+  /**
+   * @param {[number, number]} span
+   * @param {string | null} range what it is called
+   */
+  show(span, range = null) {
+    this.range = range;
+    this.state.change({ span });
+    this.press();
+  }
+
+  /** The button of the range is pressed as long as that is what is shown. */
+  press() {
+    const { span } = this.state.values;
+    const bounds = this.range ? this.bounds(this.range) : null;
+    if (bounds && span && (bounds[0] !== span[0] || bounds[1] !== span[1])) this.range = null;
+    for (const button of all("#history [data-range]")) button.setAttribute("aria-pressed", String(button.dataset.range === this.range));
+  }
+
+  /**
+   * @param {string} range
+   * @returns {[number, number]}
+   */
+  bounds(range) {
     const [first, last] = this.known();
-    if (this.range === "day") return [last - DAY, last + DAY];
-    if (this.range === "week") return [last - 7 * DAY, last + 2 * DAY];
+    if (range === "day") return [last - DAY, last + DAY];
+    if (range === "week") return [last - 7 * DAY, last + 2 * DAY];
     return [first, last + Math.max(DAY, 0.2 * (last - first))];
   }
 
   /** @returns {[number, number]} */
   known() {
-    const last = this.state.last ?? 0;
-    return [this.state.first ?? last, last];
+    const { first, last } = this.state.values;
+    return [first ?? last ?? 0, last ?? 0];
   }
 
   async load() {
+    clearTimeout(this.timer);
     const request = ++this.latest;
-    const { state } = this;
-    if (state.last === null) return this.say("Nothing has been observed yet. Post observations, and they appear here.");
-    if (state.cell === null) return this.say("Choose a cell: enter its number, or click one in the 3D viewer.");
-    const [start, stop] = this.bounds();
-    const [first, last] = this.known();
+    const { last, cell, span, path, revision } = this.state.values;
+    if (last === null) return this.say("Nothing has been observed yet. Post observations, and they appear here.");
+    if (cell === null) return this.say("Choose a cell: enter its number, or click one in the 3D viewer.");
+    const [start, stop] = span ?? this.bounds("week");
+    const [first] = this.known();
     try {
       const [series, events, whole, model] = await Promise.all([
         this.series(start, stop, POINTS),
-        ask(`${state.path}/anomalies?start=${start}&stop=${stop}&limit=1000`),
+        ask(`${path}/anomalies?start=${start}&stop=${stop}&limit=1000`),
         this.series(first, last + Math.max(DAY, 0.1 * (last - first)), POINTS / 2),
-        state.revision ? ask(`${state.path}/model?cell=${state.cell}`) : null,
+        revision ? ask(`${path}/model?cell=${cell}`) : null,
       ]);
-      if (request === this.latest) this.show(series, events.items, whole, model);
+      if (request === this.latest) this.draw(series, events.items, whole, model);
     } catch (error) {
       if (request === this.latest) this.say(reason(error));
     }
@@ -109,10 +152,8 @@ export class History {
    * @returns {Promise<Series & { step: number }>}
    */
   async series(start, stop, points) {
-    const { interval, path, cell } = this.state;
-    const step = Math.max(1, Math.ceil((stop - start) / points / interval)) * interval;
-    const from = Math.floor(start / step) * step;
-    return { ...(await ask(`${path}/series?cell=${cell}&start=${from}&stop=${stop}&step=${step}`)), step };
+    const { question, step } = seriesQuestion(this.state.values, [start, stop], points);
+    return { ...(await ask(question)), step };
   }
 
   /**
@@ -121,25 +162,30 @@ export class History {
    * @param {Series} whole
    * @param {Model | null} model
    */
-  show(series, events, whole, model) {
-    const { state } = this;
+  draw(series, events, whole, model) {
+    const { cell, confidence, last, revision, zone, span } = this.state.values;
     if (whole.probability.every((p) => p === null) && whole.observed.every((s) => s === null)) {
-      return this.say(`Cell ${state.cell} has not been observed. Click another one in the 3D viewer.`);
+      return this.say(`Cell ${cell} has not been observed. Click another one in the 3D viewer.`);
     }
     this.clear();
-    const mine = events.filter((event) => event.cells.includes(state.cell ?? -1));
+    const mine = events.filter((event) => event.cells.includes(cell ?? -1));
+    const shown = span ?? this.bounds("week");
     const drawn = {
       series,
+      span: shown,
       events: mine.map((event) => ({ ...event, start: Date.parse(event.start) / 1000, stop: Date.parse(event.stop) / 1000 })),
       outliers: model?.outliers ?? [],
-      last: state.last ?? 0,
-      confidence: state.confidence,
-      step: series.step,
+      last: last ?? 0,
+      confidence,
+      moment: () => this.state.values.time,
     };
-    const zoomed = (/** @type {number} */ low, /** @type {number} */ high) => this.choose(this.range, [low, high]);
-    const chart = draw(this.host, this.reading, drawn, state.zone, zoomed);
-    this.charts = [chart, brush(this.whole, whole, this.bounds(), state.zone, zoomed)];
-    this.legend.replaceChildren(...legendOf(state.revision));
+    const chosen = {
+      zoom: (/** @type {number} */ start, /** @type {number} */ stop) => this.show([start, stop]),
+      go: (/** @type {number} */ time) => this.state.change({ time }, "push"),
+    };
+    const chart = draw(this.host, this.reading, drawn, zone, chosen);
+    this.charts = [chart, brush(this.whole, whole, shown, zone, chosen.zoom)];
+    this.legend.replaceChildren(...legendOf(revision));
   }
 
   clear() {

@@ -11,7 +11,7 @@ import { countText, durationText } from "../core/words.js";
  */
 export function mount(state, aim) {
   $("location").addEventListener("change", () => {
-    const other = { location: $("location").value, grid: null, frame: null, events: [], span: null, reach: null };
+    const other = { location: $("location").value, grid: null, frame: null, events: [], span: null, reach: null, loop: null };
     state.change({ ...other, time: null, live: true, playing: false, cell: null, camera: null, low: null, high: null }, "push");
   });
   slider(state, "confidence", (value) => ({ confidence: value }));
@@ -92,6 +92,7 @@ function showSlice(view) {
 /** @param {ViewState} view */
 function showLegend(view) {
   for (const part of all("[data-when]")) part.hidden = !(part.dataset.when ?? "").split(" ").some((when) => shown(view, when));
+  $("sensors-legend").hidden = !view.frame?.sensors;
   for (const part of all(".structure")) part.hidden = !view.dim || view.predicted === "entropy" || view.layout === "difference";
 }
 

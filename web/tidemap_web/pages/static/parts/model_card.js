@@ -1,8 +1,7 @@
 // The model of a cell in plain words: what was chosen and why, what it costs, how far to trust it.
 
 import { countText, percentText, timeText } from "../core/words.js";
-/** @import { LocationState } from "../core/location.js" */
-/** @import { Model, Score } from "../../../../types.d.ts" */
+/** @import { LocationView, Model, Score } from "../../../../types.d.ts" */
 
 /** @type {Record<string, string>} */
 const ESTIMATORS = {
@@ -14,12 +13,12 @@ const ESTIMATORS = {
 /**
  * @param {HTMLElement} host
  * @param {Model} model
- * @param {LocationState} state
+ * @param {LocationView} view
  */
-export function draw(host, model, state) {
+export function draw(host, model, view) {
   const made = document.createElement("dl");
   made.className = "card-facts";
-  for (const [name, ...lines] of facts(model, state)) {
+  for (const [name, ...lines] of facts(model, view)) {
     const term = document.createElement("dt");
     term.textContent = name;
     made.append(term, ...lines.map((line) => Object.assign(document.createElement("dd"), { textContent: line })));
@@ -29,21 +28,31 @@ export function draw(host, model, state) {
 
 /**
  * @param {Model} model
- * @param {LocationState} state
+ * @param {LocationView} view
  * @returns {string[][]}
  */
-function facts(model, state) {
-  const [start, stop] = [model.start, model.stop].map((time) => timeText(Date.parse(time) / 1000, state.zone));
+function facts(model, view) {
+  const [start, stop] = [model.start, model.stop].map((time) => timeText(Date.parse(time) / 1000, view.zone));
   const { history_bytes, spectrum_bytes } = model.compression;
   const order = model.order ? `, with ${model.order} ${model.order === 1 ? "rhythm" : "rhythms"} at most` : "";
   const outliers = model.outliers.length;
   return [
-    ["What it is", `Revision ${state.revision}, ${model.estimator}: ${ESTIMATORS[model.estimator] ?? "an estimator of its own"}${order}.`],
-    ["Why", model.selection ? sentence(model.selection.reason) : "The location's settings ask for it."],
+    ["What it is", `Revision ${view.revision}, ${model.estimator}: ${ESTIMATORS[model.estimator] ?? "an estimator of its own"}${order}.`],
+    ["Why", ...why(model)],
     ["Learned from", `${countText(model.samples)} samples, ${start} to ${stop}.`],
     ["How far to trust it", trust(model), remembered(model, outliers)],
     ["What it costs", `${countText(spectrum_bytes)} bytes for this cell, beside ${countText(history_bytes)} bytes of history.`],
   ];
+}
+
+/**
+ * What was tried, and apart from it how the winner is set.
+ * @param {Model} model
+ */
+function why({ selection }) {
+  if (!selection) return ["The location's settings ask for it."];
+  const [tried, ...settings] = selection.reason.split("; ");
+  return [`${sentence(tried)} A log loss is lower where what happened was thought likelier.`, ...(settings.length ? [`Its settings: ${settings.join("; ")}.`] : [])];
 }
 
 /** @param {Model} model */

@@ -4,13 +4,18 @@ import { signIn } from "../core/api.js";
 import { now } from "../core/clock.js";
 import { zoneOf } from "../core/time.js";
 import { clockText } from "../core/words.js";
+import { Heartbeat } from "../core/heartbeat.js";
 import { byId as $ } from "../dom.js";
+import { Pointer } from "./pointer.js";
 /** @import { State } from "../core/state.js" */
 /** @import { FrameMessage, GridMessage, Handlers, NoticeMessage, ViewState } from "../../../../types.d.ts" */
 
 const ENDED = 4401;
+const TOO_MANY = 1013;
+const RETRY_MS = 8000;
+const CHECK_MS = 5000;
 const REQUEST = /** @type {const} */ ([
-  "location", "time", "live", "confidence", "order", "floor", "dim", "low", "high", "layout", "predicted", "observed",
+  "location", "time", "live", "confidence", "order", "floor", "dim", "low", "high", "crop", "layout", "predicted", "observed",
 ]);
 
 export class SceneView {
@@ -32,14 +37,18 @@ export class SceneView {
     this.keys = () => {};
     /** the camera that the scene has, so that it is not sent back */
     this.pose = "";
+    this.pointer = new Pointer($("pointed"), state, (at) => this.send({ kind: "hover", at }));
+    this.heartbeat = new Heartbeat({ ask: () => this.send({ kind: "ping" }), silent, give: () => this.drop() });
     state.subscribe((changed) => this.changed(changed));
   }
 
   connect() {
     const address = new URL(`/view/control/${this.token}`, window.location.href);
     address.protocol = address.protocol.replace("http", "ws");
-    this.socket = new WebSocket(address);
-    this.socket.addEventListener("open", () => {
+    const socket = new WebSocket(address);
+    this.socket = socket;
+    socket.addEventListener("open", () => {
+      this.heartbeat.start();
       this.tried = 0;
       this.since = null;
       this.ask();
@@ -48,30 +57,44 @@ export class SceneView {
       this.putCamera();
       this.load();
     });
-    this.socket.addEventListener("message", (event) => {
+    socket.addEventListener("message", (event) => {
+      this.heartbeat.heard();
       const message = JSON.parse(event.data);
       this.handlers[/** @type {keyof Handlers} */ (message.kind)]?.(message);
     });
-    this.socket.addEventListener("close", (event) => this.lost(event.code));
+    socket.addEventListener("close", (event) => socket === this.socket && this.lost(event.code));
     this.loading("Connecting", null);
+  }
+
+  /** Give a connection up that nobody answers on. */
+  drop() {
+    const socket = this.socket;
+    this.socket = null;
+    socket?.close();
+    this.lost(0);
   }
 
   /** @param {number} code */
   async lost(code) {
     this.tried += 1;
-    const status = code === ENDED ? 401 : (await fetch("/view/sessions").catch(() => null))?.status;
+    this.heartbeat.stop();
+    if (code === TOO_MANY) return setTimeout(() => this.connect(), RETRY_MS);
+    const status = code === ENDED ? 401 : await sessionsStatus();
     if (status === 401 || status === 403) return signIn();
     this.loading(null, null);
     this.since ??= now();
     notice("No connection", `The server has not answered since ${clockText(this.since, zoneOf("mine", "UTC"))}. Trying again …`);
-    setTimeout(() => this.connect(), Math.min(8000, 500 * 2 ** this.tried));
+    setTimeout(() => this.connect(), Math.min(RETRY_MS, 500 * 2 ** this.tried));
   }
 
   /** Open viser's client anew: in a frame of its own, for it keeps its colours to itself. */
   load() {
     const fresh = /** @type {HTMLIFrameElement} */ ($("scene").cloneNode());
     fresh.src = `${this.address}#${this.token}`;
-    fresh.addEventListener("load", () => fresh.contentWindow?.addEventListener("keydown", (event) => this.keys(event), true));
+    fresh.addEventListener("load", () => {
+      fresh.contentWindow?.addEventListener("keydown", (event) => this.keys(event), true);
+      if (fresh.contentWindow) this.pointer.watch(fresh.contentWindow);
+    });
     $("scene").replaceWith(fresh);
     this.loading("Loading the 3D scene", null);
   }
@@ -148,7 +171,9 @@ export class SceneView {
       this.pose = String(message.pose);
       this.state.change({ camera: message.pose }, "replace");
     },
-    picked: (message) => this.state.change({ cell: message.cell }, "push"),
+    picked: ({ cell, marker }) => this.state.change({ marker, ...(marker === null ? { cell } : {}) }, "push"),
+    hovered: (message) => this.pointer.answer(message),
+    markers: (message) => this.state.change({ markers: message.items }),
     refused: (message) => console.warn(`The viewer did not understand the page: ${message.detail}`),
     notice: (message) => {
       this.loading(null, null);
@@ -163,6 +188,19 @@ export class SceneView {
     if (frame.drawn && !frame.loading) this.loading(null, null);
     this.state.change({ frame, ...(frame.live && this.state.values.live ? { time: frame.time } : {}) });
   }
+}
+
+/** What the server answers to who may open the viewer; undefined where it does not answer. */
+async function sessionsStatus() {
+  const answer = await fetch("/view/sessions", { signal: AbortSignal.timeout(CHECK_MS) }).catch(() => null);
+  return answer?.status;
+}
+
+/** @param {number | null} since when the server has not answered, null when it does */
+function silent(since) {
+  $("silent").hidden = since === null;
+  if (since === null) return;
+  $("silent").textContent = `No answer since ${clockText(since, zoneOf("mine", "UTC"))}. What you see is from then; this page goes on asking.`;
 }
 
 /**
@@ -194,6 +232,7 @@ function explain({ reason, detail }, name, keyed) {
       `${curl(`/${encodeURIComponent(name)}/observations`)} "{\\"observations\\": [{\n  \\"time\\": $(date +%s), \\"occupied\\": [0], \\"free\\": [1, 2]}]}"`],
     "not-found": ["No such grid", `${detail} Choose another location.`],
     "no-grid": ["Not a grid", `${name} is a state, which has no scene. It has a page of its own: ${origin}/locations/${encodeURIComponent(name)}`],
+    "too-many": ["Too many viewers", detail],
     deleted: ["This location was deleted", `${name} and all that was known of it have been deleted, or renamed. Choose another location.`],
   };
   notice(...(said[reason] ?? ["This did not work", detail]));

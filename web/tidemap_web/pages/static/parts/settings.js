@@ -2,7 +2,8 @@
 
 import { post } from "../core/api.js";
 import { reason } from "../dom.js";
-/** @import { LocationState } from "../core/location.js" */
+/** @import { State } from "../core/state.js" */
+/** @import { LocationView } from "../../../../types.d.ts" */
 
 /** @type {Record<string, string>} */
 const WARNINGS = {
@@ -12,7 +13,7 @@ const WARNINGS = {
 
 /**
  * @param {HTMLFormElement} form
- * @param {LocationState} state
+ * @param {State<LocationView>} state
  */
 export function mount(form, state) {
   const said = form.querySelector("output");
@@ -27,16 +28,16 @@ export function mount(form, state) {
 }
 
 /**
- * @param {LocationState} state
+ * @param {State<LocationView>} state
  * @param {Record<string, string | number | null>} changed
  * @param {HTMLOutputElement} said
  */
 async function send(state, changed, said) {
   try {
-    const made = await post(state.path, changed, "PATCH");
+    const made = await post(state.values.path, changed, "PATCH");
     said.textContent = "Saved.";
     window.location.assign(`/locations/${encodeURIComponent(made.name)}#settings`);
-    if (made.name === state.name) window.location.reload();
+    if (made.name === state.values.name) window.location.reload();
   } catch (error) {
     said.textContent = reason(error);
   }

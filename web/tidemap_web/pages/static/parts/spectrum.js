@@ -3,8 +3,7 @@
 import { scale, svg } from "../core/svg.js";
 import { durationText } from "../core/words.js";
 import { peakText } from "../core/peaks.js";
-/** @import { LocationState } from "../core/location.js" */
-/** @import { Component, Model } from "../../../../types.d.ts" */
+/** @import { Component, LocationView, Model } from "../../../../types.d.ts" */
 
 const DAY = 86400;
 const LABELLED = [3600, 3 * 3600, 6 * 3600, 12 * 3600, DAY, 7 * DAY, 28 * DAY, 364 * DAY];
@@ -17,9 +16,9 @@ const BASE = HEIGHT - 24;
  * Draw a model's components into `host`.
  * @param {HTMLElement} host
  * @param {Model} model
- * @param {LocationState} state
+ * @param {LocationView} view
  */
-export function draw(host, model, state) {
+export function draw(host, model, view) {
   if (model.mean === null || !model.components.length) {
     const line = document.createElement("p");
     line.className = "quiet";
@@ -28,7 +27,7 @@ export function draw(host, model, state) {
     return;
   }
   const parts = [...model.components].sort((a, b) => b.amplitude - a.amplitude);
-  host.replaceChildren(picture(parts), ...table(parts, model, state));
+  host.replaceChildren(picture(parts), ...table(parts, model, view));
 }
 
 /** @param {Component[]} parts */
@@ -58,16 +57,16 @@ function picture(parts) {
 /**
  * @param {Component[]} parts
  * @param {Model} model
- * @param {LocationState} state
+ * @param {LocationView} view
  */
-function table(parts, model, state) {
+function table(parts, model, view) {
   const made = document.createElement("table");
   made.className = "list";
   const unit = model.link === "logit" ? ", log-odds" : "";
   made.innerHTML = `<thead><tr><th scope="col">Period</th><th scope="col">Amplitude${unit}</th><td></td></tr></thead>`;
   const body = made.createTBody();
   const largest = parts[0].amplitude || 1;
-  const rows = parts.map((part) => row(part, largest, model, state));
+  const rows = parts.map((part) => row(part, largest, model, view));
   const first = rows.length > RHYTHMS + 1 ? RHYTHMS : rows.length;
   body.append(...rows.slice(0, first));
   return first < rows.length ? [made, more(body, rows)] : [made];
@@ -77,15 +76,15 @@ function table(parts, model, state) {
  * @param {Component} part
  * @param {number} largest
  * @param {Model} model
- * @param {LocationState} state
+ * @param {LocationView} view
  */
-function row(part, largest, model, state) {
+function row(part, largest, model, view) {
   const line = document.createElement("tr");
   const name = document.createElement("th");
   name.scope = "row";
   name.textContent = part.period_s === null ? "constant" : durationText(part.period_s);
   const peak = document.createElement("small");
-  peak.textContent = [peakText(part, model, state.zone), part.gate ? `at the ${part.gate}` : ""].filter(Boolean).join(" · ");
+  peak.textContent = [peakText(part, model, view.zone), part.gate ? `at the ${part.gate}` : ""].filter(Boolean).join(" · ");
   if (peak.textContent) name.append(peak);
   const bar = document.createElement("td");
   const meter = document.createElement("span");

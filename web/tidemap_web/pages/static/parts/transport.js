@@ -2,9 +2,11 @@
 
 import { all, byId as $ } from "../dom.js";
 import { now } from "../core/clock.js";
+import { SPEEDS, loopOf, next, otherSpeed, speedOf } from "../core/playing.js";
 import { EXAMPLES, readMoment, zoneOf } from "../core/time.js";
+import { windowOf } from "../core/window.js";
 import { clockText, dateText, durationText, zoneText } from "../core/words.js";
-import { windowOf, zoom } from "./timeline.js";
+import { pan, zoom } from "./timeline.js";
 /** @import { State } from "../core/state.js" */
 /** @import { ViewState } from "../../../../types.d.ts" */
 
@@ -94,29 +96,44 @@ export class Transport {
    * @param {number} now
    */
   tick(now) {
-    const { playing, frame, time, live, grid } = this.state.values;
+    const { playing, frame, time, live, grid, loop } = this.state.values;
     if (!playing || !grid?.span) return;
-    this.owed += Math.min(0.5, (now - this.before) / 1000) * speedOf($("speed").value, grid.interval_s);
+    const speed = speedOf($("speed").value, grid.interval_s);
+    this.owed += Math.min(0.5, (now - this.before) / 1000) * speed;
     this.before = now;
     const ready = frame === null || frame.time === time || live;
     // By whole samples where they are slow: within one nothing changes.
-    const due = this.owed >= Math.min(grid.interval_s, speedOf($("speed").value, grid.interval_s));
-    if (ready && due) {
-      const [low, high] = this.loop(grid.span);
-      const next = (time ?? high) + this.owed;
+    if (ready && this.owed >= Math.min(grid.interval_s, speed)) {
+      this.go(next(time ?? grid.span.stop, this.owed, loop, grid.span), "replace");
       this.owed = 0;
-      this.go(next > high ? low : next, "replace");
     }
     requestAnimationFrame((later) => this.tick(later));
   }
 
+  /** Go round in what the timeline covers, or no longer go round. */
+  toggleLoop() {
+    const { grid, loop } = this.state.values;
+    if (!grid?.span) return;
+    const [low, high] = windowOf(this.state.values);
+    this.state.change({ loop: loop ? null : loopOf(low, high, grid.span, grid.interval_s) }, "push");
+  }
+
   /**
-   * What playing runs through: what was zoomed to, or all there is.
-   * @param {{ first: number, stop: number }} all
-   * @returns {[number, number]}
+   * Let the loop begin or end at the moment that is shown.
+   * @param {"begin" | "end"} edge
    */
-  loop({ first, stop }) {
-    return this.state.values.span ?? [first, stop];
+  loopFrom(edge) {
+    const { grid, loop, time } = this.state.values;
+    if (!grid?.span || time === null) return;
+    const [low, high] = loop ?? windowOf(this.state.values);
+    const [one, other] = edge === "begin" ? [time, Math.max(high, time)] : [Math.min(low, time), time];
+    this.state.change({ loop: loopOf(one, other, grid.span, grid.interval_s) }, "push");
+  }
+
+  /** @param {1 | -1} direction */
+  speed(direction) {
+    $("speed").value = otherSpeed($("speed").value, direction, this.state.values.grid?.interval_s ?? 1);
+    this.say(`${$("speed").selectedOptions[0].text}`);
   }
 
   /** @param {string} text */
@@ -135,6 +152,7 @@ export class Transport {
     const { values } = this.state;
     $("live").setAttribute("aria-pressed", String(values.live));
     $("play").setAttribute("aria-pressed", String(values.playing));
+    $("loop").setAttribute("aria-pressed", String(values.loop !== null));
     $("play-sign").textContent = values.playing ? "❚❚" : "▶";
     if (changed.has("events")) for (const id of /** @type {const} */ (["previous", "next"])) $(id).setAttribute("aria-disabled", String(!values.events.length));
     for (const button of all("[data-reach]")) button.setAttribute("aria-pressed", String(!values.span && button.dataset.reach === reachOf(values)));
@@ -176,6 +194,13 @@ export class Transport {
       End: () => this.go(grid?.span?.stop ?? 0),
       "+": () => zoom(this.state, 0.5, time ?? 0),
       "-": () => zoom(this.state, 2, time ?? 0),
+      PageUp: () => pan(this.state, -0.5),
+      PageDown: () => pan(this.state, 0.5),
+      "[": () => this.loopFrom("begin"),
+      "]": () => this.loopFrom("end"),
+      "\\": () => this.toggleLoop(),
+      "<": () => this.speed(-1),
+      ">": () => this.speed(1),
       l: () => this.live(),
       p: () => this.anomaly(-1),
       n: () => this.anomaly(1),
@@ -189,13 +214,6 @@ export class Transport {
     return true;
   }
 }
-
-/**
- * Seconds that pass in one.
- * @param {string} text seconds, or a number of samples
- * @param {number} interval
- */
-const speedOf = (text, interval) => Number.parseFloat(text) * (text.includes("sample") ? interval : 1);
 
 /** @param {ViewState} view */
 function reachOf(view) {
@@ -219,6 +237,8 @@ export function mount(state, aim) {
   for (const button of all("[data-reach]")) {
     button.addEventListener("click", () => state.change({ reach: /** @type {any} */ (button.dataset.reach), span: null }));
   }
+  $("loop").addEventListener("click", () => transport.toggleLoop());
+  $("speed").replaceChildren(...SPEEDS.map(([value, text]) => new Option(text, value, value === "3600", value === "3600")));
   $("typed").title = EXAMPLES;
   $("typed-form").addEventListener("submit", (event) => {
     event.preventDefault();

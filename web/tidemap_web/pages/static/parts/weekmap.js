@@ -5,7 +5,8 @@ import { now } from "../core/clock.js";
 import { DAYS, mondayBefore, weekOf } from "../core/week.js";
 import { countText } from "../core/words.js";
 import { reason } from "../dom.js";
-/** @import { LocationState } from "../core/location.js" */
+/** @import { State } from "../core/state.js" */
+/** @import { LocationView } from "../../../../types.d.ts" */
 
 const HOUR = 3600;
 const STEPS = 4; // an hour
@@ -14,47 +15,48 @@ const WEEK = 7 * 24 * HOUR;
 
 /**
  * @param {HTMLElement} host
- * @param {LocationState} state
+ * @param {State<LocationView>} state
  */
 export function mount(host, state) {
   let latest = 0;
   async function load() {
     const request = ++latest;
-    if (state.cell === null) return say(host, "Choose a cell to see its week.");
-    if (!state.revision || state.last === null) return say(host, "There is no model yet. It is made when enough has been observed.");
+    const { values: view } = state;
+    if (view.cell === null) return say(host, "Choose a cell to see its week.");
+    if (!view.revision || view.last === null) return say(host, "There is no model yet. It is made when enough has been observed.");
     try {
-      const [expected, observed] = await Promise.all([expectedWeek(state, state.cell), observedWeeks(state, state.cell, state.last)]);
+      const [expected, observed] = await Promise.all([expectedWeek(view, view.cell), observedWeeks(view, view.cell, view.last)]);
       if (request === latest) host.replaceChildren(table("Expected", expected, () => ""), table(`Observed, last ${WEEKS} weeks`, observed, readings));
     } catch (error) {
       if (request === latest) say(host, reason(error));
     }
   }
   state.subscribe((changed) => (changed.has("cell") || changed.has("revision")) && load());
-  load();
+  return load();
 }
 
 /**
  * The model's week: this one, on the whole, without what was seen last.
- * @param {LocationState} state
+ * @param {LocationView} view
  * @param {number} cell
  */
-async function expectedWeek(state, cell) {
-  const start = mondayBefore(now(), state.zone);
+async function expectedWeek(view, cell) {
+  const start = mondayBefore(now(), view.zone);
   const time = Array.from({ length: 7 * 24 * STEPS }, (_, i) => start + ((i + 0.5) * HOUR) / STEPS);
-  const answer = await post(`${state.path}/predict`, { time, cell: [cell], given: "model" });
-  return weekOf(time, answer.probability[0], state.zone);
+  const answer = await post(`${view.path}/predict`, { time, cell: [cell], given: "model" });
+  return weekOf(time, answer.probability[0], view.zone);
 }
 
 /**
- * @param {LocationState} state
+ * @param {LocationView} view
  * @param {number} cell
  * @param {number} last
  */
-async function observedWeeks(state, cell, last) {
-  const step = Math.max(1, Math.ceil(HOUR / STEPS / state.interval)) * state.interval;
-  const start = Math.floor(Math.max(state.first ?? last, last - WEEKS * WEEK) / step) * step;
-  const answer = await ask(`${state.path}/series?cell=${cell}&start=${start}&stop=${last + 1}&step=${step}`);
-  return weekOf(answer.time, answer.observed, state.zone);
+async function observedWeeks(view, cell, last) {
+  const step = Math.max(1, Math.ceil(HOUR / STEPS / view.interval)) * view.interval;
+  const start = Math.floor(Math.max(view.first ?? last, last - WEEKS * WEEK) / step) * step;
+  const answer = await ask(`${view.path}/series?cell=${cell}&start=${start}&stop=${last + 1}&step=${step}`);
+  return weekOf(answer.time, answer.observed, view.zone);
 }
 
 /** @param {number} count */
