@@ -1,8 +1,9 @@
 """The history of locations: compacted segments and the log's tail together."""
 
 from collections.abc import Iterator
-from dataclasses import replace
-from functools import partial
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 from typing import cast
 
 import numpy as np
@@ -13,6 +14,7 @@ from tidemap.history.chunks import CHUNK_CELLS, by_chunk, by_segment, of_chunk
 from tidemap.history.history import History
 from tidemap.history.measurements import Measurements
 from tidemap.history.segment import SEGMENT_SAMPLES, Segment, ends_of, lay, merge, since_gap, standing, times_at
+from tidemap.history.timebase import TimeBase
 from tidemap.services.context import Context
 from tidemap.settings import YEAR_S
 from tidemap.storage.records import LocationRecord
@@ -30,7 +32,13 @@ def span(location: LocationRecord) -> tuple[int, int]:
     """Samples [start, stop) from the first to the last measurement; (0, 0) without any."""
     if location.first_time is None or location.last_time is None:
         return 0, 0
-    return int(location.base.sample(location.first_time)), int(location.base.sample(location.last_time)) + 1
+    return _samples(location.base, location.first_time, location.last_time)
+
+
+@lru_cache
+def _samples(base: TimeBase, first: float, last: float) -> tuple[int, int]:
+    """Kept, as every chunk of a large map asks for it."""
+    return int(base.sample(first)), int(base.sample(last)) + 1
 
 
 def window(ctx: Context, location: LocationRecord) -> tuple[int, int]:
@@ -120,18 +128,45 @@ def _one_cell(segment: Segment, row: int) -> Segment:
     return Segment(segment.history.cells([row]), segment.time, rank)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class HistoryReader:
+    """What was measured in the chunks of a location, in one moment of the database; samples [first, last) of it."""
+
+    ctx: Context
+    work: Work
+    location: LocationRecord
+    samples: tuple[int, int]
+
+    def backwards(self, chunk: int, sample: int) -> Iterator[History]:
+        """In one chunk at or before `sample`, segment by segment, the latest first; a segment is whole, so it may hold
+        more. Raises CorruptChunkError."""
+        for begin, end in _backwards(self.samples, sample):
+            yield _stored(self.ctx, self.work, self.location, chunk, begin, end)
+
+
+@contextmanager
+def reading(ctx: Context, location: LocationRecord) -> Iterator[HistoryReader]:
+    """For some chunks at a time: meanwhile the database keeps what is replaced."""
+    samples = window(ctx, location)
+    with ctx.store.read() as work:
+        yield HistoryReader(ctx, work, work.locations.by_id(location.id), samples)
+
+
 def read_backwards(ctx: Context, location: LocationRecord, chunk: int, sample: int) -> Iterator[History]:
-    """What was measured in one chunk at or before `sample`, segment by segment, the latest first; a
-    segment is whole, so it may hold more. Raises CorruptChunkError."""
-    start, stop = window(ctx, location)
+    """As `HistoryReader.backwards`, every segment as it is when it is asked for."""
+    for begin, end in _backwards(window(ctx, location), sample):
+        with ctx.store.read() as work:
+            piece = _stored(ctx, work, work.locations.by_id(location.id), chunk, begin, end)
+        yield piece
+
+
+def _backwards(samples: tuple[int, int], sample: int) -> Iterator[tuple[int, int]]:
+    """The parts of segments at or before a sample, the latest first."""
+    start, stop = samples
     end = min(sample + 1, stop)
     while end > start:
         begin = max(start, (end - 1) // SEGMENT_SAMPLES * SEGMENT_SAMPLES)
-        piece = _held_piece(ctx, location, chunk, begin, end)
-        if piece is None:
-            with ctx.store.read() as work:
-                piece = _stored(ctx, work, work.locations.by_id(location.id), chunk, begin, end)
-        yield piece
+        yield begin, end
         end = begin
 
 
@@ -144,24 +179,15 @@ def read_times(ctx: Context, location: LocationRecord, chunk: int, sample: int) 
     return times_at(segment or Segment.empty(location.chunk_size(chunk), number), sample, location.base)
 
 
-def _held_piece(ctx: Context, location: LocationRecord, chunk: int, start: int, stop: int) -> History | None:
-    """What `_stored` has kept of a location as it was read: the database need not be asked."""
-    return ctx.caches.histories.held((location.id, chunk, *_segments(location, start, stop)), _counts(location))
-
-
-def _counts(location: LocationRecord) -> tuple[int, int, int]:
-    """What changes with a location's history."""
-    return location.compacted_seq, location.observation_seq, location.deleted
-
-
 def _stored(ctx: Context, work: Work, location: LocationRecord, chunk: int, start: int, stop: int) -> History:
     """As `_whole`, kept for the next that asks."""
     first, last = _segments(location, start, stop)
     if last < first:
         return _whole(ctx, work, location, chunk, start, stop)
+    version = (location.compacted_seq, location.observation_seq, location.deleted)
     load = partial(_whole, ctx, work, location, chunk, start, stop)
     try:
-        return ctx.caches.histories.get((location.id, chunk, first, last), _counts(location), load)
+        return ctx.caches.histories.get((location.id, chunk, first, last), version, load)
     except CorruptChunkError as error:
         ctx.damage.found(location.id, error)
         raise
@@ -184,9 +210,12 @@ def _segments(location: LocationRecord, start: int, stop: int) -> tuple[int, int
 
 
 def _assemble(ctx: Context, work: Work, location: LocationRecord, chunk: int, first: int, last: int) -> History:
+    segments = list(_merged(ctx, work, location, chunk, first, last)) if first == last else ()
+    if segments and segments[0].ends is None:
+        return segments[0].history
     whole = History.empty(location.chunk_size(chunk), first * SEGMENT_SAMPLES, (last - first + 1) * SEGMENT_SAMPLES)
     ended = []
-    for segment in _merged(ctx, work, location, chunk, first, last):
+    for segment in segments or _merged(ctx, work, location, chunk, first, last):
         lay(whole, segment)
         if segment.ends is not None:
             ended.append(ends_of(segment, location.base))

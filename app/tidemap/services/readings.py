@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import islice, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,11 @@ from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.history import NEVER, UNOBSERVED
 from tidemap.history.runs import LatestRuns
 from tidemap.services.context import Context
-from tidemap.services.history import read_backwards, read_times
+from tidemap.services.history import HistoryReader, read_backwards, read_times, reading
 from tidemap.storage.records import LocationRecord
 
+READ_AT_ONCE = 16
+"""Chunks that are read in one moment of the database."""
 ALWAYS = int(np.iinfo(np.int64).max)
 
 
@@ -35,12 +37,23 @@ class Readings:
 def readings_at(ctx: Context, location: LocationRecord, moment: float, cells: NDArray[np.int64]) -> Readings:
     """The latest readings at or before `moment` (Unix seconds) of some cells, ascending."""
     runs, damaged = LatestRuns.none(len(cells)), []
-    for chunk, rows in by_chunk(cells):
+    for reader, chunk, rows in _chunks(ctx, location, cells):
         try:
-            runs.put(rows, _of_chunk(ctx, location, chunk, moment, cells[rows]))
+            runs.put(rows, _of_chunk(reader, chunk, moment, cells[rows]))
         except CorruptChunkError:
             damaged.append(chunk)
     return Readings(runs, damaged)
+
+
+def _chunks(
+    ctx: Context, location: LocationRecord, cells: NDArray[np.int64]
+) -> Iterator[tuple[HistoryReader, int, NDArray[np.int64]]]:
+    """As `by_chunk`, each with what reads its history: to look at the location anew for every chunk takes longest."""
+    chunks = by_chunk(cells)
+    while some := list(islice(chunks, READ_AT_ONCE)):
+        with reading(ctx, location) as reader:
+            for chunk, rows in some:
+                yield reader, chunk, rows
 
 
 def by_chunk(cells: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.int64]]]:
@@ -51,22 +64,21 @@ def by_chunk(cells: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.int64]]
         yield int(chunks[begin]), np.arange(begin, stop)
 
 
-def _of_chunk(
-    ctx: Context, location: LocationRecord, chunk: int, moment: float, cells: NDArray[np.int64]
-) -> LatestRuns:
+def _of_chunk(reader: HistoryReader, chunk: int, moment: float, cells: NDArray[np.int64]) -> LatestRuns:
     """The runs of some cells of one chunk."""
+    location = reader.location
     local, sample = cells - chunk * CHUNK_CELLS, int(location.base.sample(moment))
-    runs = _followed(ctx, location, chunk, sample, local)
-    if (later := read_later(ctx, location, chunk, moment)) is not None:
+    runs = _followed(reader, chunk, sample, local)
+    if (later := read_later(reader.ctx, location, chunk, moment)) is not None:
         again = np.flatnonzero(later[local])
-        runs.put(again, _followed(ctx, location, chunk, sample - 1, local[again]))
+        runs.put(again, _followed(reader, chunk, sample - 1, local[again]))
     return runs
 
 
-def _followed(ctx: Context, location: LocationRecord, chunk: int, sample: int, local: NDArray[np.int64]) -> LatestRuns:
+def _followed(reader: HistoryReader, chunk: int, sample: int, local: NDArray[np.int64]) -> LatestRuns:
     """The runs at or before a sample, followed back as far as some may be longer."""
     runs, open_ = LatestRuns.none(len(local)), np.arange(len(local))
-    for piece in read_backwards(ctx, location, chunk, sample) if len(local) else ():
+    for piece in reader.backwards(chunk, sample) if len(local) else ():
         some = runs.cells(open_)
         some.extend(piece.cells(local[open_]), sample)
         runs.put(open_, some)
@@ -124,9 +136,9 @@ def last_seen(ctx: Context, location: LocationRecord, sample: int, cells: NDArra
     damaged = []
     state = np.full(len(cells), UNOBSERVED, np.uint8)
     seen = np.full(len(cells), NEVER, np.int64)
-    for chunk, missing in by_chunk(cells):
+    for reader, chunk, missing in _chunks(ctx, location, cells):
         try:
-            for piece in read_backwards(ctx, location, chunk, sample):
+            for piece in reader.backwards(chunk, sample):
                 found, at = piece.last_seen(sample)
                 local = cells[missing] - chunk * CHUNK_CELLS
                 state[missing], seen[missing] = found[local], at[local]
