@@ -106,7 +106,7 @@ def slow(grid: GridGeometry, origin: Array, ends: Array, max_range_m: float) -> 
     passed, perhaps = [np.empty((0, 3), np.int64)], [np.empty((0, 3), np.int64)]
     start = (origin - grid.origin) / grid.resolution_m + (0, 0, 0.5)
     for end in (ends - grid.origin) / grid.resolution_m + (0, 0, 0.5):
-        length = np.linalg.norm(end - start) * grid.resolution_m
+        length = round(float(np.linalg.norm(end - start)) * grid.resolution_m, 6)  # a log has whole centimetres
         stop = end if length <= max_range_m else start + (end - start) * (max_range_m / length)
         last = np.floor(stop).astype(int)
         sure, sliver = rounded_path(start, stop)
