@@ -219,7 +219,7 @@ def _spectra(snapshot: Snapshot, location: LocationRecord, tally: LogTotals) -> 
 
 
 def _expected(snapshot: Snapshot, location: LocationRecord) -> set[int]:
-    """The chunks of which the current revision has a spectrum; none where it cannot be read, as is said elsewhere."""
+    """The chunks that the current revision has a spectrum for; none where it cannot be read, as is said elsewhere."""
     for row in snapshot.revisions(location.id):
         with suppress(CorruptChunkError, ValueError):
             if row.revision == location.revision:

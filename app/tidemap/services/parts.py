@@ -12,7 +12,7 @@ from tidemap.services.context import Context
 from tidemap.storage.records import LocationRecord
 
 
-class Part(Protocol):
+class LocationPart(Protocol):
     """Which cells of a location."""
 
     def chunks(self, location: LocationRecord, fitted: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -30,7 +30,7 @@ class Whole:
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class SeenPart:
     """Those that have been observed."""
 
     def chunks(self, location: LocationRecord, fitted: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -50,7 +50,7 @@ class Cells:
 
 
 @dataclass(frozen=True, slots=True)
-class Box:
+class BoxPart:
     """Those in a box [x0, y0, z0, x1, y1, z1] in metres that have been observed."""
 
     bbox: tuple[float, ...]
@@ -61,12 +61,12 @@ class Box:
 
 
 WHOLE: Final = Whole()
-SEEN: Final = Seen()
+SEEN: Final = SeenPart()
 
 
-def in_box(bbox: tuple[float, ...] | None) -> Part:
+def in_box(bbox: tuple[float, ...] | None) -> LocationPart:
     """What was seen in a box, or without one everywhere."""
-    return SEEN if bbox is None else Box(bbox)
+    return SEEN if bbox is None else BoxPart(bbox)
 
 
 def is_whole(ctx: Context, location: LocationRecord) -> bool:

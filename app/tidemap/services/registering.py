@@ -12,7 +12,7 @@ from tidemap.ingest.registration import RegistrationMode, RegistrationOutcome, a
 from tidemap.ingest.scan import SentScan, refuse_outside, scan_of
 from tidemap.services.context import Context
 from tidemap.services.observe import target_of
-from tidemap.services.parts import Box
+from tidemap.services.parts import BoxPart
 from tidemap.services.spectra import Fitted, fitted
 from tidemap.services.surfaces import Block, surface_at
 from tidemap.space.grid import GridGeometry
@@ -89,7 +89,7 @@ def _registered(ctx: Context, location: LocationRecord, sweep: TimedScan) -> Reg
 
 def _model(ctx: Context, location: LocationRecord, block: Block) -> Fitted | None:
     try:
-        return fitted(ctx, location.name, part=Box(block.bbox))
+        return fitted(ctx, location.name, part=BoxPart(block.bbox))
     except NoModelError:
         return None
 

@@ -13,7 +13,7 @@ from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.services.context import Context, Loaded
 from tidemap.services.history import read_history, window
 from tidemap.services.keys import Claim, confirm
-from tidemap.services.parts import WHOLE, Part, check_size, is_whole
+from tidemap.services.parts import WHOLE, LocationPart, check_size, is_whole
 from tidemap.spectral.model import fit_part
 from tidemap.spectral.prediction import predict
 from tidemap.spectral.recipe import ORDER, Recipe
@@ -92,7 +92,7 @@ def fitted(
     estimator: str | None = None,
     order: int | None = None,
     claim: Claim | None = None,
-    part: Part = WHOLE,
+    part: LocationPart = WHOLE,
 ) -> Fitted:
     """The spectrum of the current revision, at another order or by another estimator where asked: of all cells, or of
     a large location of a part.
@@ -115,7 +115,7 @@ def fitted(
 
 
 def _fitted(
-    ctx: Context, location: LocationRecord, revision: RevisionRecord, wanted: RevisionRecord, part: Part
+    ctx: Context, location: LocationRecord, revision: RevisionRecord, wanted: RevisionRecord, part: LocationPart
 ) -> Fitted:
     if is_whole(ctx, location):
         key = (location.id, None if wanted.recipe == revision.recipe else wanted.recipe)
@@ -216,7 +216,7 @@ def _is_truncated(stored: RevisionRecord, wanted: RevisionRecord) -> bool:
 
 
 Found = Iterator[tuple[int, Spectrum | CorruptChunkError]]
-"""Chunks with their spectra, or what is wrong with them; those of which nothing was ever seen are left out."""
+"""Chunks with their spectra, or what is wrong with them; those where nothing was ever seen are left out."""
 
 
 def _read(ctx: Context, location: LocationRecord, revision: RevisionRecord, chunks: NDArray[np.int64]) -> Found:

@@ -40,7 +40,7 @@ class SegmentRepository:
             yield number, segment
 
     def chunks(self, location_id: int) -> NDArray[np.int64]:
-        """The chunks of which something is stored, ascending."""
+        """The chunks that something is stored for, ascending."""
         query = select(history.c.chunk).where(history.c.location_id == location_id).distinct()
         found = np.array(self._connection.execute(query).scalars().all(), np.int64)
         return np.unique(np.maximum(found, -1 - found))
