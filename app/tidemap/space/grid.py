@@ -34,7 +34,7 @@ def index_of(cell: ArrayLike, shape: Sequence[int]) -> NDArray[np.int64]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Runs:
+class CellRuns:
     """Linear cells [start, start + length) for each of start (n,), which ascend and do not overlap."""
 
     start: NDArray[np.int64]
@@ -54,7 +54,7 @@ class Runs:
     def among(self, cell: NDArray[np.int64]) -> NDArray[np.int64]:
         """The rows of cells (n,), ascending, that are in a run.
 
-        >>> Runs(np.array([2, 10]), 3).among(np.array([1, 3, 4, 5, 12])).tolist()
+        >>> CellRuns(np.array([2, 10]), 3).among(np.array([1, 3, 4, 5, 12])).tolist()
         [1, 2, 4]
         """
         first, stop = np.searchsorted(cell, self.start), np.searchsorted(cell, self.start + self.length)
@@ -117,7 +117,7 @@ class GridGeometry:
         corners = [*index.min(axis=0).tolist(), *(index.max(axis=0) + 1).tolist()]
         return tuple(at * self.resolution_m + zero for at, zero in zip(corners, self.origin * 2, strict=True))
 
-    def runs(self, box: tuple[float, ...]) -> Runs:
+    def runs(self, box: tuple[float, ...]) -> CellRuns:
         """The cells with their centre in the box [x0, y0, z0, x1, y1, z1] (metres, closed).
 
         O(runs), which are at most as many as the box has columns of cells.
@@ -126,10 +126,10 @@ class GridGeometry:
         _, ny, nz = self.shape3
         columns, rows = np.arange(i, i_stop)[:, np.newaxis] * ny, np.arange(j, j_stop)
         if k_stop - k < nz:
-            return Runs(((columns + rows) * nz + k).ravel(), k_stop - k)
+            return CellRuns(((columns + rows) * nz + k).ravel(), k_stop - k)
         if j_stop - j < ny:
-            return Runs(((columns + j) * nz).ravel(), (j_stop - j) * nz)
-        return Runs(columns[:1, 0] * nz, (i_stop - i) * ny * nz)
+            return CellRuns(((columns + j) * nz).ravel(), (j_stop - j) * nz)
+        return CellRuns(columns[:1, 0] * nz, (i_stop - i) * ny * nz)
 
     def _within(self, axis: int, box: tuple[float, ...]) -> tuple[int, int]:
         """The indices [first, stop) along an axis of the cells with their centre in the box."""
