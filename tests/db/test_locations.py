@@ -116,6 +116,7 @@ def fill(ctx: Context, name: str) -> int:
     rhythm = RhythmRecord(location_id=location.id, through=1, heard=b"", last_heard=None, silence=None)
     ctx.store.write(lambda work: (work.anomalies.append([event]), work.scans.append([scan])))
     ctx.store.write(lambda work: work.rhythms.put(rhythm))
+    ctx.store.write(lambda work: work.sources.refuse(location.id, "patrol", 0.0, "no such cell"))
     return location.id
 
 

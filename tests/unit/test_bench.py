@@ -54,7 +54,7 @@ def test_every_figure_says_what_it_is_and_measures_it() -> None:
 
 def test_an_unknown_figure_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert bench.main(["nonsense"]) == 2
-    assert "unknown figure nonsense; known are calendar" in capsys.readouterr().err
+    assert "unknown figure nonsense; known are building, calendar" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("share", "expected"), [(0.0, 1.0), (0.5, 3.0), (0.99, 5.0), (1.0, 5.0)])
