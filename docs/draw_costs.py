@@ -143,10 +143,11 @@ def fleets() -> Iterator[Curve]:
 def draw(curves: Sequence[Curve]) -> None:
     """One panel a curve, both axes logarithmic; the grey line is proportional."""
     with drawing(PICTURE, 5.6) as figure:
-        for axes, each, color in zip(figure.subplots(2, 4).flat, curves, COLORS, strict=False):
+        for axes, each, color in zip(figure.subplots(2, -(-len(curves) // 2)).flat, curves, COLORS, strict=False):
             last = each.cost_ms[-1] / each.counts[-1]
             axes.loglog(each.counts, [last * some for some in each.counts], color=OBSERVED, linewidth=1.0)
             axes.loglog(each.counts, each.cost_ms, color=color, marker="o")
+            axes.set_ylim(min(each.cost_ms) / 5, max(each.cost_ms) * 5)
             axes.set_title(each.name, fontsize=10)
             axes.set_xlabel(each.unit)
         for axes in figure.axes[:: len(figure.axes) // 2]:

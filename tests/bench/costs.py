@@ -34,7 +34,7 @@ class Costs:
 
 
 def measured(load: Load, one: Load, length_s: float) -> Costs:
-    """Each alone, posts at a rate at which some share a commit and a compaction. `one`: with one location only."""
+    """Each alone, posts at a rate at which some share a commit. `one`: with one location only."""
     idle = load.run(Traffic(), length_s)
     base = idle.cpu_s / idle.seconds
 
