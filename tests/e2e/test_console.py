@@ -4,6 +4,7 @@ import httpx
 import pytest
 from playwright.sync_api import Page
 
+from tests.support.pages import quiet_afterwards
 from tests.support.server import ServerProcess
 from tests.support.viewer import Viewer, make_grid
 from tidemap_web.viewer.client import client_page, scene_address
@@ -27,8 +28,8 @@ def errors(page: Page) -> list[str]:
 
 @pytest.mark.parametrize("path", ["/", "/locations/lab"])
 def test_a_page_says_no_error(url: str, page: Page, errors: list[str], path: str) -> None:
-    page.goto(url + path, wait_until="load")
-    page.wait_for_load_state("networkidle")
+    with quiet_afterwards(page):
+        page.goto(url + path, wait_until="load")
     assert errors == []
 
 

@@ -111,7 +111,8 @@ def test_posts_are_refused_until_there_is_room_again(server: StartServer, disk: 
         assert status == 503
         assert any("the database cannot be written" in problem for problem in problems), problems
         assert http.get("/locations/door").json()["observations"] == len(stored) * LARGE
-        assert running.output().count("the database cannot be written") == 1
+        # Changes are logged, not every refusal; what is small may fit for a while where a post does not.
+        assert 1 <= running.output().count("the database cannot be written") <= REFUSALS // 4
         assert command("verify", "--data", str(disk.folder)).returncode == 0
 
         disk.free(running)
@@ -120,7 +121,8 @@ def test_posts_are_refused_until_there_is_room_again(server: StartServer, disk: 
         for again in (number, number + 1, 0):
             assert post(http, again).status_code in (200, 201)
         assert http.get("/locations/door").json()["observations"] == (len(stored) + 2) * LARGE
-        assert running.output().count("the database can be written again") == 1
+        output = running.output()
+        assert output.count("the database can be written again") == output.count("the database cannot be written")
         assert "Traceback" not in running.output()
     assert running.stop() == 0
     done = command("verify", "--data", str(disk.folder))

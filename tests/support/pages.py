@@ -1,15 +1,17 @@
 """Locations for the pages, and what the browser complains about."""
 
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
 from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Page
+from playwright.sync_api import Page, Request
 
 from tests.support.viewer import post
+from tests.support.waiting import WAIT_S
 
 START = datetime(2026, 3, 2, tzinfo=UTC)
 DAYS = 14
@@ -26,6 +28,7 @@ PAGES = (
     "/nowhere",
 )
 """Every kind of page, of a server with a door and a lab."""
+QUIET_S = 0.5
 VIEWER = "/view/scene/"
 """What viser serves: its own client, some megabytes, which browsers keep."""
 
@@ -84,8 +87,34 @@ def loading(page: Page) -> Iterator[Load]:
 
     session.on("Network.requestWillBeSent", ask)
     session.on("Network.loadingFinished", end)
-    yield load
-    page.wait_for_load_state("networkidle")
+    with quiet_afterwards(page):
+        yield load
+
+
+@contextmanager
+def quiet_afterwards(page: Page) -> Iterator[None]:
+    """Ends when for half a second nothing that was asked for meanwhile is under way, in the page and its frames.
+
+    Playwright's own `networkidle` never comes now and then, where a frame is in a frame.
+    """
+    asked: set[Request] = set()
+    last = [time.monotonic()]
+
+    def note(change: Callable[[Request], None]) -> Callable[[Request], None]:
+        def noted(request: Request) -> None:
+            change(request)
+            last[0] = time.monotonic()
+
+        return noted
+
+    page.on("request", note(asked.add))
+    for ended in ("requestfinished", "requestfailed"):
+        page.on(ended, note(asked.discard))
+    yield
+    deadline = time.monotonic() + WAIT_S
+    while asked or time.monotonic() < last[0] + QUIET_S:
+        assert time.monotonic() < deadline, f"still under way: {[each.url for each in asked]}"
+        page.wait_for_timeout(50)
 
 
 def barriers(page: Page) -> list[str]:

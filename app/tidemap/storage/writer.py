@@ -179,13 +179,15 @@ class Writer:
 
     def _commit_apart(self, group: list[_Write[Any, Any]], again: bool = True) -> None:
         """Store what can be stored of a group, each write behind a savepoint, which costs as much as a small write."""
+        problems: list[DBAPIError] = []
         try:
             with self._transaction() as connection:
-                settle = [self._run(connection, write, again) for write in group]
+                settle = [self._run(connection, write, again, problems) for write in group]
                 if self.outage.reason is not None:
                     # Some writes change nothing; that they succeed does not say that it can be written.
                     take(connection, "trouble")
-            self.outage.worked()
+            if not problems:
+                self.outage.worked()
         except BaseException as error:
             self._refuse(group, error)
             return
@@ -203,8 +205,10 @@ class Writer:
             finally:
                 self.changes.committed(driver)
 
-    def _run(self, connection: Connection, write: _Write[Any, Any], again: bool) -> Callable[[], None]:
-        """Run a write in a savepoint; returns what settles its future once the group is durable.
+    def _run(
+        self, connection: Connection, write: _Write[Any, Any], again: bool, problems: list[DBAPIError]
+    ) -> Callable[[], None]:
+        """Run a write in a savepoint; returns what settles its future once the group is durable, and notes a problem.
 
         Raises where the transaction has ended under it, as it does when the connection is lost and, in SQLite, when
         the disk is full: then none of the group is stored.
@@ -220,6 +224,7 @@ class Writer:
                 savepoint.rollback()
             except DBAPIError:
                 raise error from None
+            problems.append(error)
             if again:
                 # Another process may have been in its way: once more, without the locks of a group.
                 return partial(self._commit_apart, [write], again=False)
