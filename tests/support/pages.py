@@ -82,7 +82,8 @@ def loading(page: Page) -> Iterator[Load]:
         load.asked.append(event["request"]["url"])
 
     def end(event: dict[str, Any]) -> None:
-        if VIEWER not in addresses.get(event["requestId"], ""):
+        address = addresses.get(event["requestId"], "")
+        if address.startswith("http") and VIEWER not in address:
             load.n_bytes += event["encodedDataLength"]
 
     session.on("Network.requestWillBeSent", ask)
