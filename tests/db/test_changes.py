@@ -82,3 +82,20 @@ def test_elsewhere_somebody_has_to_say_so(store: Store) -> None:
 def test_nothing_is_known_of_a_closed_file(store: Store) -> None:
     store.close()
     assert store.changes.number() is None or not store.changes.exact
+
+
+def test_a_commit_that_shows_before_it_is_explained_leaves_the_number(
+    store: Store, location: LocationRecord, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    meanwhile: list[int | None] = []
+    committed = store.changes.committed
+
+    def asked_just_before(connection: Any) -> None:
+        meanwhile.append(store.changes.number())
+        committed(connection)
+
+    before = store.changes.number()
+    monkeypatch.setattr(store.changes, "committed", asked_just_before)
+    append(store, location, [(0.0, 0, 1)])
+    assert meanwhile == [None if store.changes.exact else before]
+    assert store.changes.number() == before

@@ -16,7 +16,7 @@ UNCOUNTED = {"uncounted": True}
 
 
 class Changes:
-    """Of the database of one writer, whose transactions `committed` is called after, in the writer's thread.
+    """Of the database of one writer: around its commits it calls `committing` and `committed`, in its thread.
 
     Of a SQLite file the number is exact: what another process has stored changes it, too. Of PostgreSQL it knows of
     this process and of what `note` is called for. May be shared by threads.
@@ -26,6 +26,7 @@ class Changes:
         self._lock = Lock()
         self._number = 0
         self._counts = False
+        self._committing = False
         file = engine.url.database if engine.dialect.name == "sqlite" else None
         self._watch = _FileWatch(file) if file else None
         event.listen(engine, "after_cursor_execute", self._executed)
@@ -40,6 +41,9 @@ class Changes:
         with self._lock:
             if self._watch is not None:
                 try:
+                    if self._committing:
+                        # What shows by now may be the writer's own or, after it, of others: in a moment it is known.
+                        return None if self._watch.ahead() else self._number
                     self._number += self._watch.moved()
                 except sqlite3.Error:
                     return None
@@ -50,10 +54,19 @@ class Changes:
         with self._lock:
             self._number += 1
 
+    def committing(self) -> None:
+        """The transaction is about to be committed. It keeps others from storing anything until it is."""
+        with self._lock:
+            try:
+                self._number += self._watch is not None and self._watch.moved()
+            except sqlite3.Error:
+                self._number += 1
+            self._committing = True
+
     def committed(self, connection: Any) -> None:
         """The transaction of a driver's connection has ended, stored or not; call it before anybody hears of that."""
         with self._lock:
-            counts, self._counts = self._counts, False
+            counts, self._counts, self._committing = self._counts, False, False
             try:
                 others = self._watch is not None and self._watch.explained(connection)
             except sqlite3.Error:
@@ -93,6 +106,10 @@ class _FileWatch:
         """Whether something was committed since the last call, or since what was explained last."""
         seen, self._seen = self._seen, _version(self._connection)
         return self._seen != seen
+
+    def ahead(self) -> bool:
+        """What `moved` would say; it says so again when it is called next."""
+        return self._seen != _version(self._connection)
 
     def explained(self, connection: Any) -> bool:
         """Take what was committed as the writer's; whether anything of others was among it."""

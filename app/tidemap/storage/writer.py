@@ -202,6 +202,7 @@ class Writer:
             try:
                 with connection.begin():
                     yield connection
+                    self.changes.committing()
             finally:
                 self.changes.committed(driver)
 
