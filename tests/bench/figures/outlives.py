@@ -43,7 +43,9 @@ def _starting(folder: Path) -> Iterator[StartServer]:
     numbers, started = count(), list[ServerProcess]()
 
     def start(**how: Any) -> ServerProcess:
-        started.append(ServerProcess(folder / f"server-{next(numbers)}", **{"launch": Forked, **how}))
+        own = folder / f"server-{next(numbers)}"
+        own.mkdir()
+        started.append(ServerProcess(own, **{"launch": Forked, **how}))
         return started[-1]
 
     try:
