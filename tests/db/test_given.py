@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tests.support.contexts import NOW, Clock, compact_now, make_location, opened, post_rows, post_states, refit
 from tidemap.history.history import NEVER
-from tidemap.services import given as services_given
+from tidemap.services import kept as services_kept
 from tidemap.services.compaction import forget
 from tidemap.services.context import Context
 from tidemap.services.deletion import Deletion, delete_observations
@@ -36,6 +36,14 @@ STEP = st.one_of(
             min_size=1,
             max_size=6,
             unique_by=lambda row: (row[0], row[1], row[2]),
+        ),
+    ),
+    st.tuples(
+        st.just("go on"),
+        st.lists(
+            st.tuples(st.sampled_from((1.0, 20.0, 70.0)), st.sampled_from(CELLS[:2]), st.integers(0, 1)),
+            min_size=1,
+            max_size=6,
         ),
     ),
     st.tuples(st.just("compact"), st.none()),
@@ -81,6 +89,11 @@ def do(ctx: Context, name: str, step: str, what: Any) -> None:
     match step:
         case "post":
             post_rows(ctx, name, [(BEGIN + MINUTE * n + s, cell, state) for n, s, cell, state in what])
+        case "go on":
+            last = find_location(ctx, name).last_time
+            assert last is not None
+            times = last + np.cumsum([gap for gap, _, _ in what])
+            post_rows(ctx, name, [(time, cell, state) for time, (_, cell, state) in zip(times, what, strict=True)])
         case "compact":
             compact_now(ctx, name)
         case "refit":
@@ -122,8 +135,11 @@ def test_a_post_is_read_and_nothing_else(ctx: Context, monkeypatch: pytest.Monke
         asked.append(cells.tolist())
         return readings_at(ctx, location, moment, cells)
 
-    monkeypatch.setattr(services_given, "readings_at", counted)
+    monkeypatch.setattr(services_kept, "readings_at", counted)
     post_rows(ctx, "lab", [(BEGIN + MINUTE * 11, cell, 1) for cell in (5, 1599)])
+    answers(ctx, "lab")
+    assert not asked, "what is later than all before needs no history"
+    post_rows(ctx, "lab", [(BEGIN + MINUTE * 10, cell, 0) for cell in (5, 1599)])
     before = answers(ctx, "lab")
     assert asked == [[5, 1599]]
     assert answers(ctx, "lab") == before
@@ -164,13 +180,52 @@ def test_observed_reads_no_history_but_of_what_was_posted(ctx: Context, monkeypa
         asked.append(cells.tolist())
         return readings_at(ctx, location, moment, cells)
 
-    monkeypatch.setattr(services_given, "readings_at", counted)
+    monkeypatch.setattr(services_kept, "readings_at", counted)
     monkeypatch.setattr("tidemap.services.observed.last_seen", lambda *_: pytest.fail("history was searched"))
     for time in (BEGIN + MINUTE * 11, NOW, NOW + 1e6):
         view = state_at(ctx, "lab", StateQuery(time, observed=True, order=0))
         assert view.observed is not None
         assert view.observed.tolist() == [1, 0, 1, 1, 1]
-    assert asked == [[5]]
+    assert not asked
+
+
+def test_a_state_that_flickers_in_one_sample_needs_no_history(
+    ctx: Context, database_url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_location(ctx, "lab", SHAPE, estimator="static")
+    post_rows(ctx, "lab", [(BEGIN + MINUTE * n, cell, n // 4 % 2) for n in range(10) for cell in CELLS])
+    refit(ctx, "lab")
+    answers(ctx, "lab")
+    with opened(database_url, reading_cache_bytes=0) as forgetful:
+        with monkeypatch.context() as patched:
+            patched.setattr(services_kept, "readings_at", lambda *_: pytest.fail("history was read"))
+            known = []
+            for second, state in enumerate((1, 0, 1, 1, 0, 0, 1)):
+                post_rows(ctx, "lab", [(BEGIN + MINUTE * 11 + second, cell, state) for cell in (5, 1599)])
+                known.append(answers(ctx, "lab"))
+        assert known[-1] == answers(forgetful, "lab")
+        post_rows(ctx, "lab", [(BEGIN + MINUTE * 11 + 10, 5, 0)])
+        assert answers(ctx, "lab") == answers(forgetful, "lab") != known[-1]
+
+
+def test_neither_a_compaction_nor_an_update_makes_what_is_kept_be_read_anew(
+    ctx: Context, database_url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_location(ctx, "lab", SHAPE, estimator="fft", order=2)
+    post_rows(ctx, "lab", [(BEGIN + MINUTE * n, cell, n // 4 % 2) for n in range(100) for cell in CELLS])
+    refit(ctx, "lab")
+    before = answers(ctx, "lab")
+    with monkeypatch.context() as patched:
+        patched.setattr(services_kept, "readings_at", lambda *_: pytest.fail("history was read"))
+        post_rows(ctx, "lab", [(BEGIN + MINUTE * 101, cell, 1) for cell in (5, 1599)])
+        compact_now(ctx, "lab")
+        between = answers(ctx, "lab")
+        post_rows(ctx, "lab", [(BEGIN + MINUTE * 102, cell, 0) for cell in (5, 1024)])
+        refit(ctx, "lab")
+        after = answers(ctx, "lab")
+    assert before != between != after
+    with opened(database_url, reading_cache_bytes=0) as forgetful:
+        assert after == answers(forgetful, "lab")
 
 
 def test_what_is_forgotten_is_not_observed(ctx: Context, clock: Clock) -> None:

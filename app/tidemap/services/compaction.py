@@ -10,6 +10,7 @@ from tidemap.history.measurements import Measurements
 from tidemap.history.segment import Segment, merge
 from tidemap.services.context import Context
 from tidemap.services.history import span
+from tidemap.services.kept import keep_up
 from tidemap.storage.blobs import pack_segment
 from tidemap.storage.records import LocationRecord
 from tidemap.storage.repositories.observations import Packed
@@ -79,6 +80,7 @@ def _compact_some(ctx: Context, location_id: int, target: int, check: Callable[[
             if location.compacted_seq >= target:
                 return False
             rows = work.observations.packed(location, ROUND_MEASUREMENTS)
+        keep_up(ctx, location)
         through = rows[-1].number
         parts, damaged = unpack(ctx, location, rows)
         del rows

@@ -15,6 +15,7 @@ from tidemap.errors import CorruptChunkError
 from tidemap.events.bus import Bus
 from tidemap.history.film import Film
 from tidemap.history.history import History
+from tidemap.history.runs import UNKNOWN_BEFORE, RunsBefore
 from tidemap.services.buffer_pool import BufferPool
 from tidemap.services.caches import ByteCache
 from tidemap.services.damage import Damage
@@ -55,11 +56,15 @@ class KeptEvidence:
     """What was read last of some cells, or is believed of them; those of `damaged` chunks look as if never read.
 
     until (n,): the last sample in which that may be held, as the sensor was unavailable then; None where none was.
+    before: where the run of what was read last has one sample only, what is known of the run before it.
+    digest: of the cells, where all of a location are kept.
     """
 
     evidence: Evidence | Beliefs
     damaged: list[int]
     until: NDArray[np.int64] | None = None
+    before: RunsBefore = UNKNOWN_BEFORE
+    digest: bytes = b""
 
     def rows(self, rows: NDArray[np.int64]) -> "KeptEvidence":
         """The same of some rows."""
@@ -121,7 +126,7 @@ class Caches:
                 settings.history_cache_bytes, lambda value: value.observed.nbytes + value.occupied.nbytes
             ),
             tails=ByteCache(settings.history_cache_bytes // 2, tail_bytes),
-            evidence=ByteCache(settings.reading_cache_bytes, lambda kept: kept.evidence.nbytes),
+            evidence=ByteCache(settings.reading_cache_bytes, lambda kept: kept.evidence.nbytes + kept.before.nbytes),
             surfaces=ByteCache(settings.surface_cache_bytes, lambda surface: surface.nbytes),
             films=ByteCache(settings.history_cache_bytes, lambda kept: kept.nbytes),
             buffers=BufferPool(settings.answer_cache_bytes),

@@ -1,23 +1,20 @@
 """Given: the probability of cells, given what was read of them last (DESIGN 2.8)."""
 
 from dataclasses import dataclass, replace
-from typing import Literal, cast
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tidemap.history.chunks import CHUNK_CELLS
-from tidemap.history.history import OCCUPIED
-from tidemap.services.beliefs import beliefs_at, detector_of
-from tidemap.services.context import Context, KeptEvidence
+from tidemap.services.context import Context
 from tidemap.services.history import read_times
-from tidemap.services.readings import ALWAYS, Readings, held_until, readings_at
+from tidemap.services.kept import found_evidence, kept_evidence
 from tidemap.services.spectra import Fitted
 from tidemap.spectral.belief import Beliefs
 from tidemap.spectral.conditioning import Evidence, Standing
 from tidemap.spectral.persistence import differing
 from tidemap.spectral.state_columns import Conditioning
-from tidemap.storage.records import LocationRecord, SensorSetting
 
 Given = Literal["observations", "model"]
 """What an answer is conditioned on: what was read last of each cell, or nothing."""
@@ -127,135 +124,7 @@ def known_at(ctx: Context, model: Fitted, cells: NDArray[np.int64], moment: floa
     if location.last_time is None or moment >= location.last_time:
         kept = kept_evidence(ctx, model, cells)
     if kept is None:
-        kept = _found(ctx, model, cells, moment)
+        kept = found_evidence(ctx, model, cells, moment)
     limit = int(location.base.sample(min(moment, ctx.clock())))
     standing = Standing(location.hold_samples or 0, limit)
     return Known(ctx, model, cells, kept.evidence, kept.damaged, standing, kept.until)
-
-
-def _found(ctx: Context, model: Fitted, cells: NDArray[np.int64], moment: float) -> KeptEvidence:
-    """What history says of some cells at a moment."""
-    detector, first = detector_of(model), model.location.first_time
-    if detector is not None:
-        nothing = Beliefs.none(len(cells), detector)
-        if first is None or moment < first:
-            return KeptEvidence(nothing, [])
-        return _bounded(ctx, model, cells, moment, beliefs_at(ctx, model, cells, moment, nothing))
-    readings = readings_at(ctx, model.location, moment, cells)
-    runs = readings.runs
-    age = np.where(readings.known, runs.sample - np.where(readings.known, runs.begin, 0) + 1, 0)
-    likely = _likelihood(model, cells, readings)
-    evidence = Evidence(runs.state, runs.sample, np.minimum(age, 2**32 - 1).astype(np.uint32), likely)
-    return _bounded(ctx, model, cells, moment, KeptEvidence(evidence, readings.damaged))
-
-
-def _bounded(ctx: Context, model: Fitted, cells: NDArray[np.int64], moment: float, kept: KeptEvidence) -> KeptEvidence:
-    """What is kept, held no longer than until sensors said that they are unavailable."""
-    if not model.location.hold_samples:
-        return kept
-    return replace(kept, until=held_until(ctx, model.location, moment, cells, kept.evidence.sample))
-
-
-def _likelihood(model: Fitted, cells: NDArray[np.int64], readings: Readings) -> NDArray[np.float32]:
-    """(n,) the model's probability of each reading when it was read; 1 where there is none."""
-    runs, likely = readings.runs, np.ones(len(cells), np.float32)
-    order = np.argsort(runs.sample, kind="stable")
-    order = order[readings.known[order]]
-    sample = runs.sample[order]
-    for rows in np.split(order, np.flatnonzero(np.diff(sample)) + 1) if order.size else ():
-        time = float(model.location.base.time(runs.sample[rows[0]]))
-        p = model.predict(time, cells[rows])
-        likely[rows] = np.where(runs.state[rows] == OCCUPIED, p, 1 - p)
-    return likely
-
-
-@dataclass(frozen=True, slots=True)
-class _Version:
-    """Evidence is out of date where one of these has changed; where only `observations` has, in some cells."""
-
-    revision: int
-    observations: int
-    first_time: float | None
-    deleted: int
-    sensor: SensorSetting | None
-    hold_samples: int | None
-
-
-def kept_evidence(ctx: Context, model: Fitted, cells: NDArray[np.int64]) -> KeptEvidence | None:
-    """What is kept of the latest readings of these cells; None where it is neither kept nor worth being kept.
-
-    Nothing is of a part of a location.
-    """
-    if model.chunks is not None:
-        return None
-    location = model.location
-    whole = model.loaded.known
-    key = (location.id, model.revision.recipe)
-    counted = (location.observation_seq, location.first_time, location.deleted)
-    version = _Version(model.revision.revision, *counted, location.sensor, location.hold_samples)
-    if len(cells) < len(whole):
-        held = ctx.caches.evidence.held(key, version)
-        rows = np.searchsorted(whole, cells)
-        if held is None or not np.array_equal(whole[np.minimum(rows, len(whole) - 1)], cells):
-            return None
-        return held.rows(rows)
-    if cells is not whole and not np.array_equal(whole, cells):
-        return None
-    return ctx.caches.evidence.get(key, version, lambda: _renewed(ctx, model, cells, version))
-
-
-def _renewed(ctx: Context, model: Fitted, cells: NDArray[np.int64], version: _Version) -> KeptEvidence:
-    """What is kept of an earlier version with what was read since; all of it read anew where that cannot be told."""
-    location = model.location
-    latest = location.base.epoch if location.last_time is None else location.last_time
-    before = ctx.caches.evidence.latest((location.id, model.revision.recipe))
-    if before is not None:
-        old, kept = cast(_Version, before[0]), before[1]
-        same = replace(old, observations=version.observations) == version
-        if same and not kept.damaged and old.observations <= version.observations:
-            first = _first_since(ctx, location, old.observations)
-            if first is not None:
-                return _moved(ctx, model, kept, cells, first)
-    return _found(ctx, model, cells, latest)
-
-
-def _moved(
-    ctx: Context, model: Fitted, kept: KeptEvidence, cells: NDArray[np.int64], first: NDArray[np.float64]
-) -> KeptEvidence:
-    """What is kept of some cells, and what was read since; first (n_cells,): its least time, NaN where nothing was."""
-    rows = np.flatnonzero(~np.isnan(first[cells]))
-    latest = cast(float, model.location.last_time)
-    if not isinstance(kept.evidence, Beliefs):
-        new = _found(ctx, model, cells[rows], latest)
-        evidence = kept.evidence.replaced(rows, cast(Evidence, new.evidence))
-        return KeptEvidence(evidence, new.damaged, _replaced(kept, rows, new))
-    before = kept.evidence.rows(rows)
-    late = np.flatnonzero(model.location.base.sample(first[cells[rows]]) <= before.sample)
-    before.put(late, Beliefs.none(len(late), before.detector))
-    new = _bounded(ctx, model, cells[rows], latest, beliefs_at(ctx, model, cells[rows], latest, before))
-    beliefs = kept.evidence.replaced(rows, cast(Beliefs, new.evidence))
-    return KeptEvidence(beliefs, new.damaged, _replaced(kept, rows, new))
-
-
-def _replaced(kept: KeptEvidence, rows: NDArray[np.int64], new: KeptEvidence) -> NDArray[np.int64] | None:
-    """Until when what is kept may be held, that of some rows replaced."""
-    if kept.until is None and new.until is None:
-        return None
-    until = np.full(len(kept.evidence.sample), ALWAYS) if kept.until is None else kept.until.copy()
-    until[rows] = ALWAYS if new.until is None else new.until
-    return until
-
-
-def _first_since(ctx: Context, location: LocationRecord, number: int) -> NDArray[np.float64] | None:
-    """(n_cells,) the least time of what was read of each cell in observations after one, NaN where nothing was.
-
-    None where some of them are compacted by now.
-    """
-    with ctx.store.read() as work:
-        if work.locations.by_id(location.id).compacted_seq > number:
-            return None
-        tail = work.observations.tail(replace(location, compacted_seq=number))
-    first = np.full(location.n_cells, np.nan)
-    for _, part in tail.parts:
-        np.fmin.at(first, part.cell, part.time)
-    return first

@@ -11,8 +11,8 @@ from tidemap.history.chunks import CHUNK_CELLS
 from tidemap.history.history import NEVER, UNOBSERVED
 from tidemap.history.segment import SEGMENT_SAMPLES
 from tidemap.services.context import Context, KeptEvidence
-from tidemap.services.given import kept_evidence
 from tidemap.services.history import window
+from tidemap.services.kept import kept_evidence
 from tidemap.services.readings import LastSeen, last_seen
 from tidemap.services.spectra import Fitted, fitted, held_fit
 from tidemap.spectral.conditioning import EVIDENCE_BYTES, Evidence

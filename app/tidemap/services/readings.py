@@ -28,11 +28,6 @@ class Readings:
     runs: LatestRuns
     damaged: list[int]
 
-    @property
-    def known(self) -> NDArray[np.bool_]:
-        """(n,) which cells were read."""
-        return np.asarray(self.runs.state != UNOBSERVED)
-
 
 def readings_at(ctx: Context, location: LocationRecord, moment: float, cells: NDArray[np.int64]) -> Readings:
     """The latest readings at or before `moment` (Unix seconds) of some cells, ascending."""

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from tidemap.history.history import NEVER, UNOBSERVED, History
-from tidemap.history.runs import LatestRuns
+from tidemap.history.runs import LaterReadings, LatestRuns, RunsBefore
 
 STATES = hnp.arrays(np.uint8, st.tuples(st.integers(1, 4), st.integers(1, 200)), elements=st.sampled_from([0, 1, 2, 2]))
 
@@ -47,3 +47,38 @@ def test_runs_of_some_cells_are_taken_and_put() -> None:
     other.put([2, 0], runs.cells([0, 1]))
     assert other.state.tolist() == [1, UNOBSERVED, 1]
     assert other.begin.tolist() == [0, NEVER, 1]
+
+
+@given(
+    states=STATES,
+    later=st.lists(st.tuples(st.sampled_from((0.0, 0.3, 0.7, 2.0)), st.integers(0, 3), st.integers(0, 1)), max_size=20),
+    posts=st.integers(1, 5),
+)
+def test_runs_that_are_read_on_are_those_of_the_whole_history(
+    states: np.ndarray, later: list[tuple[float, int, int]], posts: int
+) -> None:
+    n_cells, n_samples = states.shape
+    runs, before = LatestRuns.none(n_cells), RunsBefore(np.zeros(0, np.int64), np.zeros(0, np.int64))
+    runs.extend(History.from_states(states), n_samples)
+    whole = np.full((n_cells, n_samples + 50), UNOBSERVED, np.uint8)
+    whole[:, :n_samples] = states
+    times = n_samples + np.cumsum([gap for gap, _, _ in later])
+    rows = np.arange(n_cells)
+    lost = np.zeros(n_cells, np.bool_)
+    for part in np.array_split(np.arange(len(later)), posts):
+        readings = [(cell % n_cells, times[i], state) for i in part for _, cell, state in [later[i]]]
+        cell, time, state = (
+            np.array(column, kind)
+            for column, kind in zip(
+                zip(*readings, strict=True) if readings else ((), (), ()), (np.int64, np.float64, np.uint8), strict=True
+            )
+        )
+        # Of two at one time the occupied one.
+        order = np.lexsort((state, time))
+        whole[cell[order], time[order].astype(np.int64)] = state[order]
+        known = before.of(rows)
+        lost |= runs.read_on(LaterReadings.latest(cell, time.astype(np.int64), time, state), known)
+        before = before.replaced(rows, known)
+    for row in np.flatnonzero(~lost).tolist():
+        found = (runs.state[row], runs.sample[row], runs.begin[row])
+        assert found == slow(whole[row], whole.shape[1])[:3]
