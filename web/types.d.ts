@@ -300,6 +300,7 @@ export interface Model {
 
 /** As much of a chart of uPlot as is used. */
 export interface Plot {
+  scales: { x: { min: number; max: number } };
   ctx: CanvasRenderingContext2D;
   over: HTMLElement;
   bbox: { left: number; top: number; width: number; height: number };

@@ -95,6 +95,13 @@ def test_ticks_stand_at_whole_hours_and_days_across_a_change_of_the_clock(module
     assert len(many) <= 200
 
 
+def test_a_text_that_would_be_cut_off_at_the_end_of_an_axis_is_left_out(module: Page) -> None:
+    script = "(texts, ticks, room) => m.fitting(texts, ticks, 100, 1, room)"
+    texts, ticks = ["Sun 29 Mar", "Mon 30 Mar", "12:00\nTue 31 Mar"], [0, 64, 90]
+    assert run(module, "core/ticks.js", script, texts, ticks, 6) == ["Sun 29 Mar", "Mon 30 Mar", ""]
+    assert run(module, "core/ticks.js", script, texts, ticks, 25) == texts
+
+
 def test_a_week_is_averaged_by_the_hours_of_the_local_clock(module: Page) -> None:
     monday = datetime(2026, 3, 23, 8, 30, tzinfo=UTC).timestamp()
     after = datetime(2026, 3, 30, 7, 30, tzinfo=UTC).timestamp()  # 8:30 again, in summer time

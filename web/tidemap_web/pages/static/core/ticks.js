@@ -55,3 +55,20 @@ export function tickTexts(ticks, zone) {
     return text;
   });
 }
+
+/** Half of the width of a letter on an axis, in pixels. */
+const HALF_LETTER_PX = 3.5;
+
+/**
+ * The same texts, without those that would be cut off at the right end of an axis; a text is centred on its tick.
+ * @param {string[]} texts
+ * @param {number[]} ticks
+ * @param {number} high the end of the axis
+ * @param {number} perPixel what a pixel is of it
+ * @param {number} room pixels that are free behind its end
+ * @returns {string[]}
+ */
+export function fitting(texts, ticks, high, perPixel, room) {
+  const half = (/** @type {string} */ text) => HALF_LETTER_PX * Math.max(...text.split("\n").map((line) => line.length));
+  return texts.map((text, i) => ((high - ticks[i]) / perPixel + room < half(text) ? "" : text));
+}

@@ -2,7 +2,7 @@
 
 import { colours } from "../core/colours.js";
 import { drawStrips } from "../core/strips.js";
-import { stepOf, tickTexts, ticksOf } from "../core/ticks.js";
+import { fitting, stepOf, tickTexts, ticksOf } from "../core/ticks.js";
 import { timeText, zoneText } from "../core/words.js";
 /** @import { ChartState, Plot, Series } from "../../../../types.d.ts" */
 
@@ -11,6 +11,8 @@ const STRIP = 10;
 const ROWS = 3;
 const ANOMALY_MIN_PX = 3;
 const DRAG_MIN_PX = 4;
+/** Free pixels to the right of a chart. */
+const RIGHT_PX = 6;
 
 /** @param {ChartState} state */
 function drawMarks(state) {
@@ -176,7 +178,7 @@ export function draw(host, reading, state, zone, { zoom, go }) {
     {
       width: host.clientWidth,
       height: 300,
-      padding: [8, 6, 0, 0],
+      padding: [8, RIGHT_PX, 0, 0],
       legend: { show: false },
       cursor: { y: false, drag: { x: true, y: false, setScale: false } },
       scales: { x: { time: true, range: () => state.span }, y: { range: [-0.2, 1.1] } },
@@ -229,7 +231,7 @@ export function brush(host, series, range, zone, zoomed) {
     {
       width: host.clientWidth,
       height: 76,
-      padding: [4, 6, 0, 0],
+      padding: [4, RIGHT_PX, 0, 0],
       legend: { show: false },
       cursor: { x: false, y: false, points: { show: false }, drag: { x: true, y: false, setScale: false } },
       scales: { x: { time: true }, y: { range: [0, 1] } },
@@ -265,6 +267,10 @@ function timeAxis(c, zone) {
     stroke: c.quiet, grid: { stroke: c.grid }, ticks: { stroke: c.grid }, size: 46,
     splits: (/** @type {Plot} */ made, /** @type {number} */ _axis, /** @type {number} */ low, /** @type {number} */ high) =>
       ticksOf(low, high, stepOf(high - low, Math.max(2, made.bbox.width / devicePixelRatio / 95)), zone),
-    values: (/** @type {Plot} */ _made, /** @type {number[]} */ ticks) => tickTexts(ticks, zone),
+    values: (/** @type {Plot} */ made, /** @type {number[]} */ ticks) => {
+      const { min, max } = made.scales.x;
+      const perPixel = (max - min) / (made.bbox.width / devicePixelRatio);
+      return fitting(tickTexts(ticks, zone), ticks, max, perPixel, RIGHT_PX);
+    },
   };
 }
