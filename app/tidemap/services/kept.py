@@ -186,12 +186,13 @@ class _Renewal:
 
 def _moved(renewal: _Renewal, kept: KeptEvidence, since: Measurements) -> KeptEvidence:
     """What is kept, and what was read since."""
-    first = np.full(renewal.model.location.n_cells, np.nan)
-    np.fmin.at(first, since.cell, since.time)
-    rows = np.flatnonzero(~np.isnan(first[renewal.cells]))
+    touched, index = np.unique(since.cell, return_inverse=True)
+    rows, mine = _rows(renewal.cells, touched)
     some = renewal.some(rows)
     if isinstance(kept.evidence, Beliefs):
-        new = some.bounded(_believed(some, kept.evidence.rows(rows), first[some.cells]))
+        first = np.full(len(touched), np.inf)
+        np.minimum.at(first, index, since.time)
+        new = some.bounded(_believed(some, kept.evidence.rows(rows), first[mine]))
         believed = kept.evidence.replaced(rows, cast(Beliefs, new.evidence))
         return KeptEvidence(believed, new.damaged, _replaced(kept, rows, new), digest=kept.digest)
     before = kept.before.of(rows)
@@ -216,9 +217,8 @@ def _read_on(renewal: _Renewal, evidence: Evidence, before: NDArray[np.int64], s
     before (n,): as of `LatestRuns.read_on`.
     """
     cells, location = renewal.cells, renewal.model.location
-    row = np.searchsorted(cells, since.cell)
-    mine = cells[np.minimum(row, len(cells) - 1)] == since.cell if len(cells) else np.zeros(0, np.bool_)
-    since, row = since.select(mine), row[mine]
+    row, mine = _rows(cells, since.cell)
+    since = since.select(mine)
     earlier = since.time <= (-np.inf if renewal.last_time is None else renewal.last_time)
     lost = np.bincount(row, minlength=len(cells)) > MAX_READ_ON
     lost[row[earlier | ~since.says()]] = True
@@ -236,6 +236,13 @@ def _read_on(renewal: _Renewal, evidence: Evidence, before: NDArray[np.int64], s
         return KeptEvidence(new, [])
     found = renewal.some(rest).in_history()
     return KeptEvidence(new.replaced(rest, cast(Evidence, found.evidence)), found.damaged)
+
+
+def _rows(cells: NDArray[np.int64], some: NDArray[np.uint32]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Where some cells are among others, which are ascending, and which of them are there at all, (n,)."""
+    row = np.searchsorted(cells, some)
+    there = cells[np.minimum(row, len(cells) - 1)] == some if len(cells) else np.zeros(len(some), np.bool_)
+    return row[there], there
 
 
 def _runs(evidence: Evidence) -> LatestRuns:
