@@ -6,20 +6,38 @@ import numpy as np
 import pytest
 from sqlalchemy import Table, delete, select, update
 
-from tests.support.contexts import Clock, compact_now, history_of, make_location, opened, post_rows, post_states, refit
+from tests.support.contexts import (
+    NOW,
+    Clock,
+    compact_now,
+    history_of,
+    make_location,
+    opened,
+    post_rows,
+    post_states,
+    refit,
+)
 from tidemap.errors import CorruptChunkError
 from tidemap.services.acknowledging import acknowledge
 from tidemap.services.anomalies import EventQuery, list_events
 from tidemap.services.context import Context
 from tidemap.services.detect import DetectQuery, detect
 from tidemap.services.evaluate import EvaluateQuery, evaluate
-from tidemap.services.locations import LocationChanges, change_location, delete_location, find_location
+from tidemap.services.locations import (
+    LocationChanges,
+    change_location,
+    delete_location,
+    find_location,
+    list_locations,
+)
 from tidemap.services.model import model_of
+from tidemap.services.overview import overview
 from tidemap.services.predict import PredictQuery, predict_at
 from tidemap.services.series import SeriesQuery, series
 from tidemap.services.state import StateQuery, state_at
 from tidemap.services.verify import Finding, verify
-from tidemap.storage.tables import anomaly, history, observation, spectrum
+from tidemap.storage.repositories.locations import LocationFilter
+from tidemap.storage.tables import anomaly, history, observation, revision, spectrum
 from tidemap.storage.work import Work
 
 MINUTE = 60.0
@@ -287,3 +305,21 @@ class TestLog:
         post_rows(ctx, "lab", [(MINUTE * 6, 0, 1)])
         refit(ctx, "lab", estimator="static")
         assert history_of(ctx, "lab", 0, 0, 9).series(0, 0, 7).tolist() == [0, 1] * 3 + [1]
+
+
+@pytest.mark.parametrize("column", ["recipe", "persistence", "selection", "chunks"])
+def test_a_revision_that_cannot_be_read_keeps_nobody_from_other_locations(ctx: Context, column: str) -> None:
+    make_lab(ctx)
+    make_location(ctx, "door")
+    post_states(ctx, "door", [MINUTE * n for n in range(6)], [n % 2 for n in range(6)])
+    refit(ctx, "door", estimator="static")
+    broken = update(revision).where(revision.c.location_id == find_location(ctx, "lab").id).values({column: b"torn"})
+    ctx.store.write(lambda work: work.spectra._connection.execute(broken))
+    for found in (list_locations(ctx), [row.location for row in overview(ctx, LocationFilter(), 0, 10).rows]):
+        assert {each.name: each.updated_at is not None for each in found} == {"door": True, "lab": False}
+    with pytest.raises(CorruptChunkError):
+        state_at(ctx, "lab", StateQuery(NOW))
+    assert state_at(ctx, "door", StateQuery(NOW)).revision == 1
+    assert any("revision" in finding for finding in findings(ctx))
+    refit(ctx, "lab", estimator="fft", order=1)
+    assert state_at(ctx, "lab", StateQuery(NOW)).revision == 2

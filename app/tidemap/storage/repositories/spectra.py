@@ -1,6 +1,7 @@
 """The repository of revisions and their spectra."""
 
 from collections.abc import Collection
+from contextlib import suppress
 from dataclasses import fields
 
 from sqlalchemy import Connection, bindparam, delete, func, insert, select, update
@@ -33,15 +34,21 @@ class SpectrumRepository:
         return None if row is None else RevisionRecord.of(row)
 
     def current(self, of: Collection[int] | None = None) -> dict[int, RevisionRecord]:
-        """The visible revision of every location that has one, by location id; or of those of some ids."""
+        """The visible revision of every location that has one, by location id; or of those of some ids.
+
+        One that cannot be read is left out, so that it keeps nobody from the others; `get` says what is wrong with it.
+        """
         query = select(revision).join(
             location_table,
             (location_table.c.id == revision.c.location_id) & (location_table.c.revision == revision.c.revision),
         )
         if of is not None:
             query = query.where(revision.c.location_id.in_(of))
-        rows = self._connection.execute(query).mappings()
-        return {row["location_id"]: RevisionRecord.of(row) for row in rows}
+        found = {}
+        for row in self._connection.execute(query).mappings():
+            with suppress(CorruptChunkError):
+                found[row["location_id"]] = RevisionRecord.of(row)
+        return found
 
     def next_number(self, location_id: int) -> int:
         """A number no stored spectrum of the location has used."""
