@@ -44,7 +44,7 @@ COMPRESSED = (
 
 @cache
 def warm() -> None:
-    """Run everything once on a few samples; a minute when nothing is cached, else a second, and nothing once it is done.
+    """Run everything once on a few samples; a minute when nothing is cached, else a second, and none later on.
 
     Also on read-only planes, which is what arrays over stored bytes are.
     """
