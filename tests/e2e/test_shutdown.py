@@ -4,6 +4,7 @@ Whatever it does beside them it leaves, and takes up again at the next start.
 """
 
 import json
+import shutil
 import socket
 import sqlite3
 import time
@@ -11,6 +12,7 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from http.client import HTTPConnection
+from pathlib import Path
 
 import httpx
 import numpy as np
@@ -152,10 +154,10 @@ GRID = {"frame": "map", "origin": [0, 0, 0], "resolution_m": 0.1, "shape": [100,
 CELLS, LOOKS = 200_000, 30
 
 
-@pytest.fixture
-def busy(server: StartServer) -> ServerProcess:
-    """A server with some seconds of compaction and many chunks of an update to do, and nothing of it done."""
-    started = server(env={"TIDEMAP_VIEWER": "false", "TIDEMAP_UPDATER": "false"})
+@pytest.fixture(scope="module")
+def filled(module_server: StartServer) -> Path:
+    """A database with some seconds of compaction and many chunks of an update to do, and nothing of it done."""
+    started = module_server(env=QUIET)
     cells = np.arange(CELLS, dtype=np.uint32)
     form = {"name": "lab", "kind": "grid3d", "interval_s": 60, "estimator": "fft", "order": 3, "grid": GRID}
     with api(started) as http:
@@ -165,7 +167,20 @@ def busy(server: StartServer) -> ServerProcess:
             body = arrow({"time": np.full(CELLS, 1.7e9 + 60.0 * look), "cell": cells, "state": state})
             headers = {"Content-Type": ARROW}
             assert http.post("/locations/lab/observations", content=body, headers=headers).status_code == 201
-    return started
+    assert started.stop() == 0
+    return started.data / "tidemap.db"
+
+
+@pytest.fixture
+def path(filled: Path, tmp_path: Path) -> Path:
+    """A copy of it."""
+    return Path(shutil.copy(filled, tmp_path))
+
+
+@pytest.fixture
+def busy(server: StartServer, path: Path) -> ServerProcess:
+    """A server on that."""
+    return server(database_url=f"sqlite:///{path}", env=QUIET)
 
 
 def updating(server: ServerProcess, progress: float) -> int:
@@ -182,11 +197,10 @@ def updating(server: ServerProcess, progress: float) -> int:
 
 @pytest.mark.parametrize(("progress", "compacted"), [(0.0, 0), (0.12, LOOKS)], ids=["compacting", "fitting"])
 def test_an_update_is_left_and_runs_again_at_the_next_start(
-    busy: ServerProcess, progress: float, compacted: int
+    busy: ServerProcess, path: Path, progress: float, compacted: int
 ) -> None:
     number = updating(busy, progress)
     assert busy.stop() == 0
-    path = busy.data / "tidemap.db"
     with closing(sqlite3.connect(path)) as database:
         assert database.execute("SELECT compacted_seq, revision FROM location").fetchone() == (compacted, 0)
         assert database.execute("SELECT state FROM job WHERE id = ?", (number,)).fetchone() == ("running",)
@@ -206,10 +220,7 @@ def test_an_update_is_left_and_runs_again_at_the_next_start(
     assert "Traceback" not in busy.output()
 
 
-def test_a_compaction_is_left_and_goes_on_at_the_next_start(busy: ServerProcess, server: StartServer) -> None:
-    busy.stop()
-    path = busy.data / "tidemap.db"
-
+def test_a_compaction_is_left_and_goes_on_at_the_next_start(path: Path, server: StartServer) -> None:
     def compacted() -> int:
         with closing(sqlite3.connect(path)) as database:
             return int(database.execute("SELECT compacted_seq FROM location").fetchone()[0])

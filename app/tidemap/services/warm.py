@@ -1,6 +1,7 @@
 """Warming: the kernels compiled, or loaded from the cache on disk, before the first request."""
 
 from dataclasses import replace
+from functools import cache
 from itertools import product
 from typing import Any
 
@@ -41,8 +42,9 @@ COMPRESSED = (
 """A cloud of one point, packed as literals."""
 
 
+@cache
 def warm() -> None:
-    """Run everything once on a few samples; a minute when nothing is cached, else a second.
+    """Run everything once on a few samples; a minute when nothing is cached, else a second, and none later on.
 
     Also on read-only planes, which is what arrays over stored bytes are.
     """
