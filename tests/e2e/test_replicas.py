@@ -24,7 +24,7 @@ from tests.support.waiting import WAIT_S, until
 
 QUIET = {"TIDEMAP_VIEWER": "false", "TIDEMAP_UPDATER": "false"}
 KILLS = 5
-MAX_KILL_S = 0.5
+MAX_KILL_S = 1.0
 LAB, MEASUREMENTS = (100, 100, 20), 2_000_000
 BEGUN = 0.15
 """Progress of an update that has stored some of its chunks."""
