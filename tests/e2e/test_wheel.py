@@ -22,16 +22,23 @@ class Environment:
 
     def __init__(self, folder: Path, wheel: Path) -> None:
         self.folder = folder
-        subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
+        subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(folder)], check=True)
         numpy = "numpy==1.26.4" if sys.version_info < (3, 13) else "numpy"
-        self.run("python", "-m", "pip", "install", "-q", "--disable-pip-version-check", str(wheel), numpy)
+        self._install("--no-compile", numpy)  # most of it is never imported
+        self._install(str(wheel))
+
+    def _install(self, *words: str) -> None:
+        pip = [sys.executable, "-m", "pip", "--python", str(self.folder / "bin" / "python")]
+        subprocess.run(
+            [*pip, "install", "-q", "--disable-pip-version-check", *words], cwd=self.folder, env=_outside(), check=True
+        )
 
     def run(self, program: str, *words: str, cwd: Path | None = None, check: bool = True) -> str:
         """The output of a program of the environment, both streams."""
         done = subprocess.run(
             [str(self.folder / "bin" / program), *words],
             cwd=cwd or self.folder,
-            env={name: value for name, value in clean_environment().items() if name != "PYTHONPATH"},
+            env=_outside(),
             capture_output=True,
             text=True,
             check=False,
@@ -49,6 +56,11 @@ class Environment:
             if file.is_file() and not file.relative_to(site).parts[0].startswith(("numpy", "pip", "setuptools"))
         ]
         return sum(counted) / 1e6
+
+
+def _outside() -> dict[str, str]:
+    """The environment of a program that knows nothing of this clone."""
+    return {name: value for name, value in clean_environment().items() if name != "PYTHONPATH"}
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.unit.spectral import real
-from tests.unit.spectral.rivals import KINDS, histogram
+from tests.unit.spectral.rivals import KINDS, Tally, histogram, slots
 from tests.unit.spectral.test_calendar import BASE, DAY, LONDON, working_hours
 from tidemap.history.history import UNOBSERVED, History
 from tidemap.history.timebase import TimeBase
@@ -237,11 +237,11 @@ def rivals(past: History, signal: real.Real, week: NDArray[np.int64]) -> list[tu
         out.append((f"fft {order}", p))
     states = past.states()[0]
     known = np.flatnonzero(states != UNOBSERVED)
-    tau_s = civil_seconds(base.time(known), signal.time_zone)
-    ahead_s = civil_seconds(base.time(week), signal.time_zone)
+    tally = Tally.of(civil_seconds(base.time(known), signal.time_zone), states[known])
+    ahead = slots(civil_seconds(base.time(week), signal.time_zone))
     for kind in KINDS:
         for bin_s in (900.0, 1800.0, 3600.0):
             for visits in (0.3, 1.0, 3.0):
-                p = histogram(tau_s, states[known], ahead_s, kind, bin_s, visits)
+                p = histogram(tally, ahead, kind, bin_s, visits)
                 out.append((f"histogram {kind} {bin_s:g} {visits:g}", p))
     return out
