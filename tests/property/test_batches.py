@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from functools import cache
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ from tidemap.history.history import History
 from tidemap.history.timebase import TimeBase
 from tidemap.spectral import prediction, transform
 from tidemap.spectral.auto.blending import blend
-from tidemap.spectral.auto.selection import Choice, choose
+from tidemap.spectral.auto.selection import choose
 from tidemap.spectral.auto.trials import task
 from tidemap.spectral.calendar import estimator, logistic
 from tidemap.spectral.calendar.products import pack, product
@@ -109,19 +108,13 @@ def test_a_batch_does_not_change_an_outlier(recipe: Recipe) -> None:
             np.testing.assert_array_equal(part.of(at), whole.of(cell))
 
 
-@cache
-def daily() -> tuple[History, Choice]:
-    """Cells with a rhythm of a day, and what is chosen for them."""
-    random = np.random.default_rng(1).random((12, 9 * DAY))
-    states = (np.sin(np.arange(9 * DAY) * 2 * np.pi / DAY) > 1.6 * random - 0.8).astype(np.uint8)
-    history = History.from_states(states)
-    return history, choose(history, BASE, time_zone=ZONE)
-
-
 @settings(max_examples=4, deadline=None)
 @given(block=st.sampled_from([1, 3, 5, 77]), threads=st.sampled_from([1, 3]))
 def test_neither_blocks_nor_threads_change_a_choice(block: int, threads: int) -> None:
-    history, expected = daily()
+    random = np.random.default_rng(1).random((12, 9 * DAY))
+    states = (np.sin(np.arange(9 * DAY) * 2 * np.pi / DAY) > 1.6 * random - 0.8).astype(np.uint8)
+    history = History.from_states(states)
+    expected = choose(history, BASE, time_zone=ZONE)
     assert expected.estimator == "calendar"
     with blocks_of(block), ThreadPoolExecutor(threads) as pool:
         found = list(pool.map(lambda _: choose(history, BASE, time_zone=ZONE), range(threads)))
