@@ -1,7 +1,8 @@
 """However a robot ends, what it kept in its outbox is stored exactly once."""
 
-import multiprocessing
 import random
+import subprocess
+import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -9,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from tests.support.fleet import EAGER, RESTLESS, dice
-from tests.support.robot import observe_for_ever
-from tests.support.server import ServerProcess, StartServer
+from tests.support.paths import ROOT
+from tests.support.server import ServerProcess, StartServer, clean_environment
 from tests.support.sightings import Sighting, make_locations
 from tests.support.stored import check_stored
 from tests.support.waiting import WAIT_S, until
@@ -21,7 +22,6 @@ OUTBOXES = {0: "shared", 1: "shared", 2: "second", 3: "third"}
 DEATHS = 5
 """Of every robot."""
 MAX_KILL_S = 0.5
-_processes = multiprocessing.get_context("forkserver")
 
 
 class Life:
@@ -32,9 +32,9 @@ class Life:
         self._robot = robot
         # The one after the last may have been kept too.
         self._first = Sighting(robot, max((each.number for each in self.kept()), default=-2) + 2)
-        arguments = (url, outbox, receipts, robot, self._first.number)
-        self._process = _processes.Process(target=observe_for_ever, args=arguments)
-        self._process.start()
+        arguments = [url, str(outbox), str(receipts), str(robot), str(self._first.number)]
+        command = [sys.executable, "-m", "tests.support.robot", *arguments]
+        self._process = subprocess.Popen(command, cwd=ROOT, env=clean_environment())
 
     def kept(self) -> list[Sighting]:
         """What `observe` returned for, in all lives; a line that was not finished does not count."""
@@ -45,12 +45,12 @@ class Life:
     def kill(self, pause_s: float) -> None:
         """After its first sighting and a pause."""
         try:
-            until(lambda: self._first in self.kept() or not self._process.is_alive())
+            until(lambda: self._first in self.kept() or self._process.poll() is not None)
             time.sleep(pause_s)
-            assert self._process.is_alive()
+            assert self._process.poll() is None
         finally:
             self._process.kill()
-            self._process.join()
+            self._process.wait()
 
 
 def lead(running: ServerProcess, folder: Path, robot: int, seed: int) -> list[Sighting]:
