@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.unit.spectral.rivals import KINDS, histogram
+from tests.unit.spectral.rivals import KINDS, Tally, histogram, slots
 from tidemap.history.history import UNOBSERVED, History
 from tidemap.history.timebase import TimeBase
 from tidemap.spectral.auto.selection import choose
@@ -39,9 +39,9 @@ def histograms(past: History, base: TimeBase, time_zone: str, ahead: Samples) ->
     """Of the only cell: by day, weekend and weekday, of every width and shrinkage; the name begins with the kind."""
     states = past.states()[0]
     known = np.flatnonzero(states != UNOBSERVED)
-    tau_s = civil_seconds(base.time(past.start + known), time_zone)
-    ahead_s = civil_seconds(base.time(ahead), time_zone)
+    seen = Tally.of(civil_seconds(base.time(past.start + known), time_zone), states[known])
+    wanted = slots(civil_seconds(base.time(ahead), time_zone))
     for kind in KINDS:
         for bin_s in BINS_S:
             for visits in VISITS:
-                yield f"{kind} {bin_s:g} {visits:g}", histogram(tau_s, states[known], ahead_s, kind, bin_s, visits)
+                yield f"{kind} {bin_s:g} {visits:g}", histogram(seen, wanted, kind, bin_s, visits)
