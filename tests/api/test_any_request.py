@@ -28,7 +28,7 @@ from tidemap.scope import EVERYWHERE
 from tidemap.services.keys import create_key
 from tidemap.services.webhooks import create_webhook, delete_webhook, list_webhooks
 
-EXAMPLES = 20
+EXAMPLES = 30
 """Requests to each operation in each mode."""
 STEADY = settings(
     max_examples=EXAMPLES,
