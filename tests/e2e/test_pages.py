@@ -19,6 +19,7 @@ from tests.support.pages import PAGES, START, VIEWER, barriers, loading, make_do
 from tests.support.paths import ROOT
 from tests.support.server import ServerProcess, StartServer
 from tests.support.viewer import make_grid, post
+from tests.support.waiting import until
 
 DAY_S = 86400
 
@@ -111,8 +112,7 @@ def test_the_range_of_the_chart_is_drawn_in_the_strip_of_the_whole_history(site:
     strip = page.locator("#history .brush .u-over")
     expect(page.locator("#history .brush .u-select")).to_be_visible()
     expect(page.get_by_role("button", name="Week")).to_have_attribute("aria-pressed", "false")
-    box = strip.bounding_box()
-    assert box is not None
+    box = until(strip.bounding_box)
     page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 8)
     page.mouse.down()
     page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 8, steps=4)
@@ -239,9 +239,8 @@ def test_a_page_and_its_viewer_show_one_cell_one_moment_and_one_range(site: str,
     expect(slider).to_have_attribute("min", str(last - DAY_S))
     expect(slider).to_have_attribute("max", str(last + DAY_S))
     plot = page.locator("#chart .u-over")
-    expect(plot).to_be_visible()
-    box = plot.bounding_box()
-    assert box is not None
+    # A chart that is drawn anew has no box for a moment.
+    box = until(plot.bounding_box)
     plot.click(position={"x": box["width"] / 4, "y": 40})
     expect(viewer.locator("#date")).to_have_text("Mon 9 Mar 2026")
     chosen = float(parse_qs(urlsplit(page.url).query)["time"][0])
