@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 from hypothesis import settings
-from playwright.sync_api import Browser, Page, ViewportSize
+from playwright.sync_api import Browser, Page
 
 from tests.support.chromium import NAMES, driving, find_chromium, launch
 from tests.support.contexts import Clock, opened
@@ -114,17 +114,11 @@ def browser() -> Iterator[Browser]:
         yield started
 
 
-@pytest.fixture(scope="module")
-def viewport() -> ViewportSize:
-    """The size of `page`; a module that draws much and proves nothing of size says a smaller one."""
-    return {"width": 1280, "height": 800}
-
-
 @pytest.fixture
-def page(browser: Browser, viewport: ViewportSize, request: pytest.FixtureRequest) -> Iterator[Page]:
+def page(browser: Browser, request: pytest.FixtureRequest) -> Iterator[Page]:
     """A page with a profile of its own: no cookie, no storage, nothing cached."""
     said = request.node.stash.setdefault(CONSOLE, [])
-    with driving(browser), browser.new_context(viewport=viewport) as context:
+    with driving(browser), browser.new_context(viewport={"width": 1280, "height": 800}) as context:
         page = context.new_page()
         page.on("console", lambda message: said.append(f"{message.type}: {message.text}"))
         page.on("pageerror", lambda error: said.append(f"uncaught: {error}"))

@@ -13,7 +13,7 @@ import httpx
 import numpy as np
 import pytest
 from PIL import Image
-from playwright.sync_api import Download, Page, ViewportSize, expect
+from playwright.sync_api import Download, Page, expect
 
 from tests.support.pages import barriers, make_door, no_complaints
 from tests.support.server import StartServer
@@ -32,12 +32,6 @@ class Yard:
 
     url: str
     last: datetime
-
-
-@pytest.fixture(scope="module")
-def viewport() -> ViewportSize:
-    """Half the pixels, for they are drawn in software; wide enough for the panel at the side."""
-    return {"width": 960, "height": 620}
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ from datetime import datetime, timedelta
 
 import httpx
 import pytest
-from playwright.sync_api import Page, ViewportSize, expect
+from playwright.sync_api import Page, expect
 
 from tests.e2e.test_keys import make_key
 from tests.support.server import ServerProcess, StartServer
@@ -36,12 +36,6 @@ class Lab:
 
     url: str
     last: datetime
-
-
-@pytest.fixture(scope="module")
-def viewport() -> ViewportSize:
-    """Half the pixels, for they are drawn in software; wide enough for the panel at the side."""
-    return {"width": 960, "height": 620}
 
 
 @pytest.fixture(scope="module")
