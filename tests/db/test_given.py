@@ -107,7 +107,7 @@ def do(ctx: Context, name: str, step: str, what: Any) -> None:
             delete_observations(ctx, name, Deletion(BEGIN + MINUTE * what, BEGIN + MINUTE * (what + 5)))
 
 
-@settings(max_examples=18, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     steps=st.lists(STEP, min_size=1, max_size=8),
     hold=st.booleans(),

@@ -72,7 +72,7 @@ both = pytest.mark.parametrize("read", [by_client, by_event_source])
 
 
 @both
-@settings(max_examples=8, suppress_health_check=list(HealthCheck))
+@settings(max_examples=12, suppress_health_check=list(HealthCheck))
 @given(cuts=st.lists(st.integers(0, 3000), max_size=30), grows=st.lists(st.integers(0, EVENTS - 1), max_size=30))
 def test_connections_that_break_at_any_byte_cost_nothing(
     site: Site, read: Read, cuts: list[int], grows: list[int]

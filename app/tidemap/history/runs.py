@@ -58,7 +58,8 @@ class LatestRuns:
         """In place: go on with readings after all that was read so far; the last of a sample is the one that stands.
 
         before (n,): where the run has one sample only, the begin of the run before it, NEVER where that is not known;
-        in place, too. (n,) the cells whose run is not known any more: the run before would go on.
+        in place, too. (n,) the cells whose run is not known any more: the run before would go on. `whole` stays as it
+        is, so no run can be followed back afterwards.
         """
         lost = np.zeros(len(self.state), np.bool_)
         for row, sample, state in later.steps():
@@ -71,7 +72,6 @@ class LatestRuns:
             kept = np.where(same & again, before[row], NEVER)
             before[row] = np.where(read & ~same & ~gone, begin, kept)
             self.state[row], self.sample[row] = state, sample
-            self.whole[row] |= ~same
         return lost
 
     def extend(self, earlier: History, sample: int) -> None:

@@ -105,10 +105,8 @@ def kept_evidence(ctx: Context, model: Fitted, cells: NDArray[np.int64]) -> Kept
     version = _Version(model.revision.revision, *counted, location.sensor, location.hold_samples)
     if len(cells) < len(whole):
         held = ctx.caches.evidence.held(key, version)
-        rows = np.searchsorted(whole, cells)
-        if held is None or not np.array_equal(whole[np.minimum(rows, len(whole) - 1)], cells):
-            return None
-        return held.rows(rows)
+        rows, there = _rows(whole, cells)
+        return held.rows(rows) if held is not None and there.all() else None
     if cells is not whole and not np.array_equal(whole, cells):
         return None
     return ctx.caches.evidence.get(key, version, lambda: _renewed(ctx, model, cells, version))
@@ -238,7 +236,7 @@ def _read_on(renewal: _Renewal, evidence: Evidence, before: NDArray[np.int64], s
     return KeptEvidence(new.replaced(rest, cast(Evidence, found.evidence)), found.damaged)
 
 
-def _rows(cells: NDArray[np.int64], some: NDArray[np.uint32]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def _rows(cells: NDArray[np.int64], some: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Where some cells are among others, which are ascending, and which of them are there at all, (n,)."""
     row = np.searchsorted(cells, some)
     there = cells[np.minimum(row, len(cells) - 1)] == some if len(cells) else np.zeros(len(some), np.bool_)

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from tidemap.history.history import NEVER, UNOBSERVED, History
-from tidemap.history.runs import LaterReadings, LatestRuns, RunsBefore
+from tidemap.history.runs import UNKNOWN_BEFORE, LaterReadings, LatestRuns
 
 STATES = hnp.arrays(np.uint8, st.tuples(st.integers(1, 4), st.integers(1, 200)), elements=st.sampled_from([0, 1, 2, 2]))
 
@@ -58,7 +58,7 @@ def test_runs_that_are_read_on_are_those_of_the_whole_history(
     states: np.ndarray, later: list[tuple[float, int, int]], posts: int
 ) -> None:
     n_cells, n_samples = states.shape
-    runs, before = LatestRuns.none(n_cells), RunsBefore(np.zeros(0, np.int64), np.zeros(0, np.int64))
+    runs, before = LatestRuns.none(n_cells), UNKNOWN_BEFORE
     runs.extend(History.from_states(states), n_samples)
     whole = np.full((n_cells, n_samples + 50), UNOBSERVED, np.uint8)
     whole[:, :n_samples] = states
