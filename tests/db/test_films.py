@@ -35,7 +35,8 @@ def compare(ctx: Context, name: str) -> None:
     location = find_location(ctx, name)
     # Nothing may be left of what was measured.
     latest = BEGIN if location.last_time is None else location.last_time
-    for time in (BEGIN - 50 * MINUTE, BEGIN + 100 * MINUTE, latest, latest + 1e6):
+    # The latest first and last: what was read between is put over what was seen.
+    for time in (latest, BEGIN - 50 * MINUTE, BEGIN + 100 * MINUTE, latest, latest + 1e6):
         seen = look(ctx, name, time)
         found = last_seen(ctx, location, int(location.base.sample(time)), KNOWN)
         assert seen.sample[KNOWN].tolist() == found.sample.tolist()

@@ -86,6 +86,11 @@ class Film:
             _at(self.observed, self.occupied, self.start, last, state, seen)
         return state, seen
 
+    def of(self, cell: NDArray[np.integer]) -> "Film":
+        """That of some cells (m,)."""
+        planes = (self.state, self.sample, self.observed, self.occupied)
+        return Film(self.start, *(each[cell] for each in planes))
+
 
 def window_start(sample: int, n_words: int) -> int:
     """Where the window of `n_words` words that holds a sample begins: windows lie side by side.

@@ -79,18 +79,26 @@ class Seen:
     state: NDArray[np.uint8]
     sample: NDArray[np.int64]
 
+    def replaced(self, cell: NDArray[np.integer], state: NDArray[np.uint8], sample: NDArray[np.int64]) -> "Seen":
+        """The same but for some cells (m,)."""
+        new = Seen(self.state.copy(), self.sample.copy())
+        new.state[cell], new.sample[cell] = state, sample
+        return new
+
 
 @dataclass(slots=True, eq=False)
 class KeptFilm:
     """A film with all observations through `number`; the latest of them is of `through` (Unix seconds).
 
-    shown: a sample and a number, and what was last seen then.
+    shown: a sample and a number, and what was last seen then. since: the cells that were read since, one array a post,
+    where all that was read before is shown; None where that is not so.
     """
 
     film: Film
     number: int
     through: float
     shown: tuple[int, int, Seen] | None = None
+    since: list[NDArray[np.uint32]] | None = None
     lock: Lock = field(default_factory=Lock)
 
     @property

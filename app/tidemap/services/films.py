@@ -27,6 +27,8 @@ MAX_WORDS: Final = 4
 """Words of 64 samples of a film, where it may take as much memory."""
 FILMS: Final = 3
 """Films of one location that find room together."""
+FEW: Final = 8
+"""Up to this part of the cells, those that were read are asked for alone."""
 CHECK_S: Final = 0.1
 """How often who waits for a turn looks whether it is still wanted."""
 NOW: Final = "now"
@@ -49,12 +51,22 @@ def seen_at(ctx: Context, location: LocationRecord, time: float) -> Seen | None:
 
 def _shown(location: LocationRecord, kept: KeptFilm, sample: int) -> Seen:
     """What the film says, as before where nothing was read between the two moments."""
-    at = min(sample, kept.film.stop - 1)
+    last = kept.film.stop - 1
     if np.isfinite(kept.through):
-        at = min(at, max(kept.film.start - 1, int(location.base.sample(kept.through))))
+        last = min(last, max(kept.film.start - 1, int(location.base.sample(kept.through))))
+    at = min(sample, last)
     if kept.shown is None or kept.shown[:2] != (at, kept.number):
-        kept.shown = (at, kept.number, Seen(*kept.film.at(at)))
+        kept.shown = (at, kept.number, _seen(kept, at))
+        kept.since = [] if at == last else None
     return kept.shown[2]
+
+
+def _seen(kept: KeptFilm, sample: int) -> Seen:
+    """What the film says; where only some cells were read since it was asked last, of those."""
+    if kept.shown is None or kept.since is None or sample < kept.shown[0]:
+        return Seen(*kept.film.at(sample))
+    cell = np.concatenate([np.zeros(0, np.uint32), *kept.since])
+    return kept.shown[2].replaced(cell, *kept.film.of(cell).at(sample))
 
 
 def film_key(ctx: Context, location: LocationRecord, time: float) -> int | str:
@@ -159,12 +171,20 @@ def _take_in(ctx: Context, location: LocationRecord, kept: KeptFilm, part: Measu
         again = part.cell[before & (sample >= film.sample[part.cell])]
     else:
         again = part.cell[within | before]
+    _note(kept, part.cell[within], again)
     for chunk in np.unique(again // CHUNK_CELLS).tolist():
         rows = slice(chunk * CHUNK_CELLS, (chunk + 1) * CHUNK_CELLS)
         known = film.sample[rows] != NEVER
         known[again[again // CHUNK_CELLS == chunk] % CHUNK_CELLS] = True
         _lay_chunk(ctx, location, film, chunk, known)
     kept.through = max(kept.through, float(part.time.max()))
+
+
+def _note(kept: KeptFilm, cell: NDArray[np.uint32], again: NDArray[np.uint32]) -> None:
+    """Add cells to those that were read since the film was asked; not where to ask it of all is no more work."""
+    since, kept.since = kept.since, None
+    if since is not None and not again.size and sum(map(len, since)) + len(cell) <= len(kept.film.state) // FEW:
+        kept.since = [*since, cell]
 
 
 def _distinct(cell: NDArray[np.uint32]) -> bool:

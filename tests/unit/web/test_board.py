@@ -1,17 +1,21 @@
 """Which cells are shown in which colour."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from tests.unit.web.states import NOW, map_view
+from tidemap.services.map_view import MapView
 from tidemap.space.grid import GridGeometry
 from tidemap_web.viewer import colors
 from tidemap_web.viewer.board import WHOLE, Board, Picture, Taste
 from tidemap_web.viewer.layers import MIN_SWING
-from tidemap_web.viewer.painting import RECOLOURED, RESHAPED, TILE
+from tidemap_web.viewer.painting import BLOCK, RECOLOURED, RESHAPED, TILE
 
 GRID = GridGeometry("map", (0.0, 0.0, 0.0), 0.5, (2, 3, 4))
 OLD = NOW - 9999
@@ -145,9 +149,69 @@ def test_only_the_tiles_of_cells_that_have_changed_are_drawn_again() -> None:
     board = Board(grid, view)
     assert (board.paint(view, view.seen, Taste()).changed[LEFT] == RESHAPED).all()
     assert not board.paint(view, view.seen, Taste()).changed.any()
-    view.probability[TILE + 1] = 0.6
-    view.probability[2 * TILE + 1] = 0.0
+    p = view.probability.copy()
+    p[TILE + 1], p[2 * TILE + 1] = 0.6, 0.0
+    view = replace(view, probability=p)
     assert board.paint(view, view.seen, Taste()).changed.tolist() == [[0, RECOLOURED, RESHAPED], [0, 0, 0]]
+
+
+HALL = GridGeometry("map", (0.0, 0.0, 0.0), 0.1, (BLOCK // 32, 64, 2))
+FRESH = Taste(fresh_s=90.0)
+TASTES = (
+    FRESH,
+    replace(FRESH, dim=False),
+    replace(FRESH, observed="age"),
+    replace(FRESH, predicted="day"),
+    replace(FRESH, fresh_s=600.0),
+    replace(FRESH, layout="overlay"),
+    replace(FRESH, crop=(0, 0, 0, 3, 9, 1)),
+)
+SWING = np.linspace(0, 0.4, HALL.n_cells).astype(np.float32)
+CELL, STATE = st.sampled_from(range(0, HALL.n_cells, 97)), st.integers(0, 1)
+MOVE = st.one_of(
+    st.tuples(st.just("go to"), st.integers(-4, 4)),
+    st.tuples(st.just("show"), st.sampled_from(TASTES)),
+    st.tuples(st.just("read"), st.lists(st.tuples(CELL, STATE, st.integers(-4, 4)), min_size=1, max_size=3)),
+    st.tuples(st.just("predict"), st.lists(st.tuples(CELL, st.sampled_from([0.0, 0.05, 0.5, 0.99])), max_size=3)),
+)
+
+
+def counted(picture: Picture) -> tuple[Any, ...]:
+    """All that is counted."""
+    return picture.shown, picture.unexpected, picture.missing, picture.stale, picture.structure
+
+
+def moved(view: MapView, taste: Taste, step: str, what: Any) -> tuple[MapView, Taste]:
+    """A view and a taste, after a step."""
+    if step == "go to":
+        return replace(view, time=NOW + 60 * what), taste
+    if step == "show":
+        return view, what
+    cells = np.array([cell for cell, *_ in what], np.int64)
+    if step == "predict":
+        p = view.probability.copy()
+        p[cells] = [at for _, at in what]
+        return replace(view, probability=p), taste
+    assert view.seen is not None
+    state = np.array([state for _, state, _ in what], np.uint8)
+    samples = view.location.base.sample(NOW + 60.0 * np.array([minute for *_, minute in what]))
+    return replace(view, seen=view.seen.replaced(cells, state, np.asarray(samples))), taste
+
+
+@example([("go to", 0), ("read", [(0, 1, -2)])])  # the same sample says something else
+@given(st.lists(MOVE, min_size=1, max_size=12))
+def test_what_is_painted_over_what_was_painted_is_what_is_painted_anew(moves: list[tuple[str, Any]]) -> None:
+    seen = {cell: (cell % 2, NOW + 60 * (cell // BLOCK - 2)) for cell in range(0, HALL.n_cells, 97)}
+    view, taste = map_view(HALL, dict.fromkeys(range(HALL.n_cells), 0.5), seen), FRESH
+    board = Board(HALL, view)
+    for step, what in moves:
+        view, taste = moved(view, taste, step, what)
+        before, fresh = board.codes.copy(), Board(HALL, view)
+        picture = board.paint(view, view.seen, taste, SWING)
+        anew = fresh.paint(view, view.seen, taste, SWING)
+        assert (board.codes == fresh.codes).all()
+        assert counted(picture) == counted(anew)
+        assert picture.changed.any(axis=1).tolist() == (before != board.codes).any(axis=1).tolist()
 
 
 def test_a_flat_grid_lies_on_the_ground() -> None:

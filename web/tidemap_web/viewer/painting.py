@@ -1,24 +1,29 @@
-"""Painting: the code of every cell's colour in both grids, and which tiles of cells have changed, in one pass."""
+"""Painting: the code of every cell's colour in both grids, and which tiles have changed, in one pass over the blocks of
+cells that can have changed."""
 
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tidemap.history.history import NEVER
 from tidemap.history.jit import kernel
 
 HIDDEN: Final = np.uint16(0xFFFF)
 TILE: Final = 1 << 14
 """Cells of a tile: what a browser is sent together. One that changes costs 3 to 9 bytes for each of its cells."""
+BLOCK: Final = 1 << 10
+"""Cells that are painted together, or stay as they are; a tile has whole blocks."""
 LEVELS: Final = 256
 MARKS: Final = 6
-COUNTS: Final = MARKS + 3
-WALLS, SHOWN_LEFT, SHOWN_RIGHT = range(MARKS, COUNTS)
-"""What is counted beside marks: what is always occupied, and the cells that each grid shows."""
+COUNTS: Final = 6
+IS_UNEXPECTED, IS_MISSING, IS_STALE, IS_WALL, SHOWN_LEFT, SHOWN_RIGHT = range(COUNTS)
+"""What is counted: three marks, what is always occupied, and the cells that each grid shows."""
 NOTHING, OCCUPIED, EXPECTED_FREE, UNEXPECTED, MISSING, STALE = range(MARKS)
 BY_PROBABILITY, BY_MARK, BY_AGE, BY_DIFFERENCE, BY_DAY = range(5)
 WALL: Final = np.float32(0.95)
 """Probability from which on what is always occupied counts as a wall now."""
+EVER: Final = int(np.iinfo(np.int64).max)
 SWING: Final = np.float32(2 / np.pi)
 """The amplitude of a day with a half occupied and a half free: there is no higher one of a first harmonic."""
 RECOLOURED, RESHAPED = np.uint8(1), np.uint8(2)
@@ -76,7 +81,41 @@ def change(before: Any, after: Any) -> Any:
 
 
 @kernel
+def _equal(one: Any, other: Any) -> bool:
+    """Whether two numbers are the same; NaN is itself."""
+    return bool(one == other or (one != one and other != other))
+
+
+@kernel
+def due(
+    number: NDArray[np.int32],
+    p_of: NDArray[np.float32],
+    state: NDArray[np.uint8],
+    sample: NDArray[np.int64],
+    p_before: NDArray[np.float32],
+    state_before: NDArray[np.uint8],
+    sample_before: NDArray[np.int64],
+    oldest: int,
+    holds: NDArray[np.int64],
+    blocks: NDArray[np.bool_],
+) -> None:
+    """Write `blocks` (n_blocks,): those where anything that `paint` was given is another than before.
+
+    oldest: the oldest sample that is judged. The rest as for `paint`.
+    """
+    for block in range(blocks.size):
+        blocks[block] = not (holds[0, block] < oldest <= holds[1, block])
+        i, stop = block * BLOCK, min((block + 1) * BLOCK, number.size)
+        while i < stop and not blocks[block]:
+            cell = np.uint32(number[i])
+            same = state[cell] == state_before[cell] and sample[cell] == sample_before[cell]
+            blocks[block] = not (same and _equal(p_of[cell], p_before[cell]))
+            i += 1
+
+
+@kernel
 def paint(
+    blocks: NDArray[np.bool_],
     number: NDArray[np.int32],
     grey: NDArray[np.uint16],
     inside: NDArray[np.bool_],
@@ -95,32 +134,44 @@ def paint(
     over: NDArray[np.uint16],
     ages: NDArray[np.int64],
     codes: NDArray[np.uint16],
-    changed: NDArray[np.uint8],
+    holds: NDArray[np.int64],
     counts: NDArray[np.int64],
+    changed: NDArray[np.uint8],
 ) -> None:
-    """Write `codes` (2, n) anew; set bits of `changed` (2, n_tiles) and add to `counts` (COUNTS,).
+    """Write `codes` (2, n), `holds` (2, n_blocks) and `counts` (n_blocks, COUNTS) of some blocks anew, and set bits of
+    `changed` (2, n_tiles). A block is as it is while the oldest sample that is judged lies in (holds[0], holds[1]].
 
-    number, grey, inside (n,): of the cells to draw, inside: whether they are not cut away. p_of, state, sample, always
-    (n_cells,): p, what was last seen, its sample, whether always occupied. swing_of: p's amplitude over the day,
-    (n_cells,) where a layer asks for it. limits: confidence, 1 - confidence and floor, float32. moment: the oldest
-    sample that is judged, and the one that is shown. dim: whether walls are grey. sources, walls, left, right: of each
-    grid's layer. over (MARKS,): what the left grid shows of marks, HIDDEN for nothing else. ages: in samples,
-    ascending. Every array is an argument of its own: taken out of a tuple it would be counted for every cell.
+    blocks (n_blocks,): which. number, grey, inside (n,): of the cells to draw, inside: whether they are not cut away.
+    p_of, state, sample, always (n_cells,): p, what was last seen, its sample, whether always occupied. swing_of: p's
+    amplitude over the day, (n_cells,) where a layer asks for it. limits: confidence, 1 - confidence and floor, float32.
+    moment: the oldest sample that is judged, and the one that is shown. dim: whether walls are grey. sources, walls,
+    left, right: of each grid's layer. over (MARKS,): what the left grid shows of marks, HIDDEN for nothing else. ages:
+    in samples, ascending. Every array is an argument of its own: taken out of a tuple it would be counted for every
+    cell.
     """
     aged, by_day = BY_AGE in sources, sources[0] == BY_DAY
-    n_walls = n_left = n_right = 0
-    for tile in range(changed.shape[1]):
+    for block in range(blocks.size):
+        if not blocks[block]:
+            continue
         left_bits = right_bits = np.uint8(0)
-        for i in range(tile * TILE, min((tile + 1) * TILE, number.size)):
+        n_unexpected = n_missing = n_stale = n_walls = n_left = n_right = 0
+        latest_stale, oldest_fresh = NEVER, EVER
+        for i in range(block * BLOCK, min((block + 1) * BLOCK, number.size)):
             first = second = HIDDEN
             if inside[i]:
-                cell = number[i]
+                cell = np.uint32(number[i])
                 p, seen, at = p_of[cell], state[cell], sample[cell]
                 fresh = seen < 2 and at >= moment[0]
+                if fresh:
+                    oldest_fresh = min(oldest_fresh, at)
+                else:
+                    latest_stale = max(latest_stale, at)
                 mark = mark_of(seen, fresh, p, limits[0])
                 wall = dim and always[cell] and p >= WALL
                 n_walls += wall
-                counts[mark] += not (wall and mark == STALE)
+                n_unexpected += mark == UNEXPECTED
+                n_missing += mark == MISSING
+                n_stale += mark == STALE and not wall
                 step = 0
                 while aged and step < ages.size and moment[1] - at >= ages[step]:
                     step += 1
@@ -136,8 +187,9 @@ def paint(
             left_bits |= change(codes[0, i], first)
             right_bits |= change(codes[1, i], second)
             codes[0, i], codes[1, i] = first, second
-        changed[0, tile] |= left_bits
-        changed[1, tile] |= right_bits
-    counts[WALLS] += n_walls
-    counts[SHOWN_LEFT] += n_left
-    counts[SHOWN_RIGHT] += n_right
+        changed[0, block * BLOCK // TILE] |= left_bits
+        changed[1, block * BLOCK // TILE] |= right_bits
+        holds[0, block], holds[1, block] = latest_stale, oldest_fresh
+        counted = (n_unexpected, n_missing, n_stale, n_walls, n_left, n_right)
+        for what in range(COUNTS):
+            counts[block, what] = counted[what]

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from itertools import count
 from typing import Final
 
 import numpy as np
@@ -40,6 +41,11 @@ class Box:
     color: colors.Rgb
 
 
+def _frame(side: int, number: int) -> str:
+    """The name of an event's frame in one grid."""
+    return f"/{_GRIDS[side]}/events/{number}"
+
+
 class Scene:
     """What one client sees. Used by its session's worker only."""
 
@@ -48,7 +54,8 @@ class Scene:
         self.layout: Layout | None = None
         self._tiles: dict[tuple[int, int], viser.PointCloudHandle] = {}
         self._selected: tuple[int, ...] | None = None
-        self._events: tuple[Box, ...] = ()
+        self._events: dict[Box, int] = {}
+        self._numbers = count()
         self.placed = False
         """Whether the camera has been put anywhere."""
         self._standard: list[float] | None = None
@@ -61,7 +68,7 @@ class Scene:
             self.client.scene.remove_by_name(f"/{name}")
         self._tiles = {}
         self._selected = None
-        self._events = ()
+        self._events = {}
         self._around.clear()
         self._crop = None
         self.layout = None
@@ -131,21 +138,27 @@ class Scene:
                 self._draw_tile(board, side, tile, reshaped=True)
 
     def outline(self, boxes: tuple[Box, ...]) -> None:
-        """Frame what is abnormal, in every grid, in the last with a label above."""
-        if self.layout is None or boxes == self._events:
+        """Frame what is abnormal, in every grid, in the last with a label above; only what comes or goes is sent."""
+        if self.layout is None:
             return
-        self._events = boxes
-        for side in range(1 + self.layout.beside):
-            name, shift = f"/{_GRIDS[side]}/events", self.layout.shift * side
-            self.client.scene.remove_by_name(name)
-            for number, box in enumerate(boxes):
-                low, high = np.array(box.bounds[:3]), np.array(box.bounds[3:])
-                margin = 0.15 * self.layout.grid.resolution_m
-                frame = f"{name}/{number}"
-                add_frame(self.client.scene, frame, (low + high) / 2 + shift, (high - low) / 2 + margin, box.color)
-                if side == self.layout.beside:  # once: labels have a size of their own, and may hide one another
-                    top = np.array([*((low + high) / 2)[:2], high[2] + margin]) + shift
-                    add_label(self.client.scene, f"{frame}/label", box.text, top, 1.0)
+        for box in self._events.keys() - set(boxes):
+            number = self._events.pop(box)
+            for side in range(1 + self.layout.beside):
+                self.client.scene.remove_by_name(_frame(side, number))
+        for box in boxes:
+            if box not in self._events:
+                self._events[box] = number = next(self._numbers)
+                self._frame_event(box, number, self.layout)
+
+    def _frame_event(self, box: Box, number: int, layout: Layout) -> None:
+        low, high = np.array(box.bounds[:3]), np.array(box.bounds[3:])
+        centre, margin = (low + high) / 2, 0.15 * layout.grid.resolution_m
+        for side in range(1 + layout.beside):
+            at, half = centre + layout.shift * side, (high - low) / 2 + margin
+            add_frame(self.client.scene, _frame(side, number), at, half, box.color)
+        # Once: labels have a size of their own, and may hide one another.
+        top = np.array([*centre[:2], high[2] + margin]) + layout.shift * layout.beside
+        add_label(self.client.scene, f"{_frame(layout.beside, number)}/label", box.text, top, 1.0)
 
     def surround(self, around: Around) -> None:
         """Draw doors, rooms and sensors."""
