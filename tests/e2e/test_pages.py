@@ -237,7 +237,8 @@ def test_a_page_and_its_viewer_show_one_cell_one_moment_and_one_range(site: str,
     viewer.get_by_role("button", name="+1 h").click()
     expect(page).to_have_url(re.compile(f"time={moment + 3600}$"))
 
-    page.get_by_role("button", name="Day").click()
+    with quiet_afterwards(page):
+        page.get_by_role("button", name="Day").click()
     expect(slider).to_have_attribute("min", str(last - DAY_S))
     expect(slider).to_have_attribute("max", str(last + DAY_S))
     plot = page.locator("#chart .u-over")
