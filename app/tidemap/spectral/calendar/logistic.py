@@ -4,6 +4,8 @@ Each step costs two matrix products, shared by a block of cells, and takes the N
 direction, and needs no factorisation.
 """
 
+from dataclasses import dataclass, fields
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,8 +18,11 @@ STEPS = 40
 TOLERANCE = 0.01
 """A row is done when its log posterior is within about half of this, in nats, of its maximum."""
 OVERSHOT = -0.5
+MANY_RUNNING = 0.9
+"""Share of the rows, up to which those that run go on alone."""
 
 Vector = NDArray[np.float32]
+Flags = NDArray[np.bool_]
 
 
 def fit_rows(
@@ -76,6 +81,29 @@ def _dot(a: Matrix, b: Matrix) -> Vector:
     return np.asarray(np.einsum("ij,ij->i", a, b), np.float32)
 
 
+@dataclass(slots=True, eq=False)
+class _Rows:
+    """Rows on their way, (n,) or (n, …) each: which of the block they are, what they are fitted to, where they are, and
+    the direction of the step before with its gradient and its gain."""
+
+    row: NDArray[np.int64]
+    n_observed: Matrix
+    n_occupied: Matrix
+    scale: Matrix
+    beta: Matrix
+    eta: Matrix
+    residual: Matrix
+    curvature: Matrix
+    step: Matrix
+    gradient: Matrix
+    gain: Vector
+
+    def keep(self, which: NDArray[np.bool_]) -> None:
+        """Go on with some of them."""
+        for each in fields(self):
+            setattr(self, each.name, getattr(self, each.name)[which])
+
+
 def _maximise(
     design: Panels,
     transposed: Panels,
@@ -87,43 +115,58 @@ def _maximise(
     centre: Matrix,
     beta: Matrix,
 ) -> Matrix:
-    """One block from `beta` on: Polak–Ribière directions, each row on its own until it is done."""
+    """One block from `beta` on: Polak–Ribière directions, each row on its own until it is done. Rows that are done stay
+    where they are, and are put aside when they are many."""
     share = 1 / (1 + np.exp(-centre))
     level = n_observed.sum(axis=1, keepdims=True) * share * (1 - share)
     scale = kept / np.maximum(penalty + level * square, np.float32(1e-6))
     eta = centre + product(beta, transposed)
-    residual, curvature = response(eta, n_observed, n_occupied)
-    step, before, drop = np.zeros_like(beta), np.zeros_like(beta), np.ones(beta.shape[0], np.float32)
+    still, ones = np.zeros_like(beta), np.ones(len(beta), np.float32)
+    sides = response(eta, n_observed, n_occupied)
+    on = _Rows(np.arange(len(beta)), n_observed, n_occupied, scale, beta, eta, *sides, still, still, ones)
+    out = beta.copy()
     for _ in range(STEPS):
-        gradient = product(residual, design) - penalty * beta
-        ahead = scale * gradient
+        gradient = product(on.residual, design) - penalty * on.beta
+        ahead = on.scale * gradient
         gain = _dot(gradient, ahead)
         running = gain > TOLERANCE
         if not running.any():
             break
-        keep = np.maximum(0, (gain - _dot(before, ahead)) / drop)
-        step = ahead + keep[:, np.newaxis] * step
-        wrong = _dot(gradient, step) <= 0
-        step[wrong] = ahead[wrong]
-        before, drop = gradient, np.maximum(gain, np.float32(1e-20))
-        move = product(step, transposed)
-        slope, weighed = _dot(gradient, step), penalty * step
-        bend = _dot(curvature, move * move) + _dot(weighed, step)
-        length = np.where(running, slope / np.maximum(bend, np.float32(1e-20)), 0).astype(np.float32)
-        pull, stiff = _dot(weighed, beta), _dot(weighed, step)
-        for _ in range(6):
-            ahead_eta = eta + length[:, np.newaxis] * move
-            residual, curvature = response(ahead_eta, n_observed, n_occupied)
-            left = _dot(residual, move) - pull - length * stiff
-            over = running & (left < OVERSHOT * slope)
-            if not over.any():
-                break
-            shorter = length * slope / np.where(over, slope - left, 1)
-            length = np.where(over, shorter, length).astype(np.float32)
-        beta = beta + length[:, np.newaxis] * step
-        eta = ahead_eta
-    beta[:, :1] += centre
-    return beta
+        if running.sum() <= MANY_RUNNING * len(running):
+            out[on.row] = on.beta
+            on.keep(running)
+            gradient, ahead, gain, running = gradient[running], ahead[running], gain[running], running[running]
+        _climb(on, transposed, penalty, gradient, ahead, gain, running)
+    out[on.row] = on.beta
+    out[:, :1] += centre
+    return out
+
+
+def _climb(
+    on: _Rows, transposed: Panels, penalty: Vector, gradient: Matrix, ahead: Matrix, gain: Vector, running: Flags
+) -> None:
+    """One step of the rows that run, in place: along a direction conjugate to the one before, as far as Newton's step
+    or, where that is too far, less."""
+    keep = np.maximum(0, (gain - _dot(on.gradient, ahead)) / on.gain)
+    step = ahead + keep[:, np.newaxis] * on.step
+    wrong = _dot(gradient, step) <= 0
+    step[wrong] = ahead[wrong]
+    on.step, on.gradient, on.gain = step, gradient, np.maximum(gain, np.float32(1e-20))
+    move = product(step, transposed)
+    slope, weighed = _dot(gradient, step), penalty * step
+    bend = _dot(on.curvature, move * move) + _dot(weighed, step)
+    length = np.where(running, slope / np.maximum(bend, np.float32(1e-20)), 0).astype(np.float32)
+    pull, stiff = _dot(weighed, on.beta), _dot(weighed, step)
+    for _ in range(6):
+        eta = on.eta + length[:, np.newaxis] * move
+        on.residual, on.curvature = response(eta, on.n_observed, on.n_occupied)
+        left = _dot(on.residual, move) - pull - length * stiff
+        over = running & (left < OVERSHOT * slope)
+        if not over.any():
+            break
+        shorter = length * slope / np.where(over, slope - left, 1)
+        length = np.where(over, shorter, length).astype(np.float32)
+    on.beta, on.eta = on.beta + length[:, np.newaxis] * step, eta
 
 
 def response(eta: Matrix, n_observed: Matrix, n_occupied: Matrix) -> tuple[Matrix, Matrix]:

@@ -266,11 +266,18 @@ function timeAxis(c, zone) {
   return {
     stroke: c.quiet, grid: { stroke: c.grid }, ticks: { stroke: c.grid }, size: 46,
     splits: (/** @type {Plot} */ made, /** @type {number} */ _axis, /** @type {number} */ low, /** @type {number} */ high) =>
-      ticksOf(low, high, stepOf(high - low, Math.max(2, made.bbox.width / devicePixelRatio / 95)), zone),
+      ticksOf(low, high, stepOf(high - low, Math.max(2, widthOf(made) / 95)), zone),
     values: (/** @type {Plot} */ made, /** @type {number[]} */ ticks) => {
       const { min, max } = made.scales.x;
-      const perPixel = (max - min) / (made.bbox.width / devicePixelRatio);
-      return fitting(tickTexts(ticks, zone), ticks, max, perPixel, RIGHT_PX);
+      return fitting(tickTexts(ticks, zone), ticks, max, (max - min) / widthOf(made), RIGHT_PX);
     },
   };
+}
+
+/**
+ * How wide the plot is, in pixels of the page.
+ * @param {Plot} made
+ */
+function widthOf({ bbox }) {
+  return bbox.width / devicePixelRatio;
 }
