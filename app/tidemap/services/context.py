@@ -90,21 +90,21 @@ class Seen:
 class KeptFilm:
     """A film with all observations through `number`; the latest of them is of `through` (Unix seconds).
 
-    shown: a sample and a number, and what was last seen then. since: the cells that were read since, one array a post,
-    where all that was read before is shown; None where that is not so.
+    shown: a sample and a number, and what was last seen then. since (n_cells,): what was read since, where all that was
+    read before is shown; None where that is not so.
     """
 
     film: Film
     number: int
     through: float
     shown: tuple[int, int, Seen] | None = None
-    since: list[NDArray[np.uint32]] | None = None
+    since: NDArray[np.bool_] | None = None
     lock: Lock = field(default_factory=Lock)
 
     @property
     def nbytes(self) -> int:
         """The memory it takes, with what was last seen."""
-        return self.film.nbytes + self.film.state.nbytes + self.film.sample.nbytes
+        return self.film.nbytes + 2 * self.film.state.nbytes + self.film.sample.nbytes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -57,16 +57,17 @@ def _shown(location: LocationRecord, kept: KeptFilm, sample: int) -> Seen:
     at = min(sample, last)
     if kept.shown is None or kept.shown[:2] != (at, kept.number):
         kept.shown = (at, kept.number, _seen(kept, at))
-        kept.since = [] if at == last else None
+        kept.since = np.zeros(location.n_cells, np.bool_) if at == last else None
     return kept.shown[2]
 
 
 def _seen(kept: KeptFilm, sample: int) -> Seen:
-    """What the film says; where only some cells were read since it was asked last, of those."""
-    if kept.shown is None or kept.since is None or sample < kept.shown[0]:
-        return Seen(*kept.film.at(sample))
-    cell = np.concatenate([np.zeros(0, np.uint32), *kept.since])
-    return kept.shown[2].replaced(cell, *kept.film.of(cell).at(sample))
+    """What the film says; where only few cells were read since it was asked last, of those."""
+    if kept.shown is not None and kept.since is not None and sample >= kept.shown[0]:
+        cell = np.flatnonzero(kept.since)
+        if cell.size <= kept.since.size // FEW:
+            return kept.shown[2].replaced(cell, *kept.film.of(cell).at(sample))
+    return Seen(*kept.film.at(sample))
 
 
 def film_key(ctx: Context, location: LocationRecord, time: float) -> int | str:
@@ -109,7 +110,7 @@ def _made(ctx: Context, model: Fitted, time: float, watch: Watch) -> Seen:
 
 def _words(ctx: Context, location: LocationRecord) -> int:
     """As many as let FILMS of them be kept, but at least one."""
-    room = ctx.settings.history_cache_bytes // FILMS // location.n_cells - 18
+    room = ctx.settings.history_cache_bytes // FILMS // location.n_cells - 19
     return max(1, min(room // 16, MAX_WORDS))
 
 
@@ -171,20 +172,16 @@ def _take_in(ctx: Context, location: LocationRecord, kept: KeptFilm, part: Measu
         again = part.cell[before & (sample >= film.sample[part.cell])]
     else:
         again = part.cell[within | before]
-    _note(kept, part.cell[within], again)
+    if again.size:
+        kept.since = None
+    elif kept.since is not None:
+        kept.since[part.cell[within]] = True
     for chunk in np.unique(again // CHUNK_CELLS).tolist():
         rows = slice(chunk * CHUNK_CELLS, (chunk + 1) * CHUNK_CELLS)
         known = film.sample[rows] != NEVER
         known[again[again // CHUNK_CELLS == chunk] % CHUNK_CELLS] = True
         _lay_chunk(ctx, location, film, chunk, known)
     kept.through = max(kept.through, float(part.time.max()))
-
-
-def _note(kept: KeptFilm, cell: NDArray[np.uint32], again: NDArray[np.uint32]) -> None:
-    """Add cells to those that were read since the film was asked; not where to ask it of all is no more work."""
-    since, kept.since = kept.since, None
-    if since is not None and not again.size and sum(map(len, since)) + len(cell) <= len(kept.film.state) // FEW:
-        kept.since = [*since, cell]
 
 
 def _distinct(cell: NDArray[np.uint32]) -> bool:
