@@ -7,7 +7,9 @@ from typing import Any
 import pytest
 from hypothesis import settings
 from playwright.sync_api import Browser, Page
+from threadpoolctl import threadpool_limits
 
+from tests.support.choices import kept_choices
 from tests.support.chromium import NAMES, driving, find_chromium, launch
 from tests.support.contexts import Clock, opened
 from tests.support.databases import Databases, PostgresDatabases, SqliteDatabases
@@ -24,6 +26,13 @@ CONSOLE = pytest.StashKey[list[str]]()
 # No deadline, for the machine may be busy; the same examples in every run of CI, new ones elsewhere.
 settings.register_profile("tidemap", deadline=None, derandomize="CI" in os.environ)
 settings.load_profile("tidemap")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def frugal() -> Iterator[None]:
+    """What is chosen once for a history is kept; matrices are multiplied on one thread, as in a server."""
+    with kept_choices(), threadpool_limits(1, user_api="blas"):
+        yield
 
 
 @pytest.fixture(scope="session")

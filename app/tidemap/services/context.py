@@ -10,6 +10,7 @@ from threading import BoundedSemaphore, Lock
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from tidemap.errors import CorruptChunkError
 from tidemap.events.bus import Bus
@@ -161,7 +162,12 @@ class Context:
 
 @contextmanager
 def open_context(settings: Settings, clock: Callable[[], float] = time.time) -> Iterator[Context]:
-    """A context on a migrated database; closes it, finishing the writes that were taken."""
+    """A context on a migrated database; closes it, finishing the writes that were taken.
+
+    From then on matrix libraries of this process work on one thread: what we do in parallel has threads of its own, and
+    theirs would wait for one another, on a busy machine ten times as long as they compute.
+    """
+    threadpool_limits(1, user_api="blas")
     store = Store(settings.url, settings.commit_queue, settings.commit_batch)
     # Posts that are parsed and judged at once: more threads than processors would only take turns.
     parsing = ThreadPoolExecutor(os.cpu_count() or 1, "tidemap-posts")
