@@ -6,8 +6,9 @@ PYTHON ?= python3
 HOST = 127.0.0.1
 PORT ?= 8000
 DATA ?= data
-# Three workers keep two processors busy: much of the time goes into processes that the tests wait for. The order is that of tests/conftest.py:
-# by itself xdist begins with files of many tests and ends with the few long ones. -n 0 debugs in one process.
+# Three workers keep two processors busy: much of the time goes into processes that the tests wait for. The order is that
+# of tests/conftest.py: by itself xdist begins with files of many tests and ends with the few long ones. -n 0 debugs in one
+# process.
 PYTEST ?= -n 3 --dist loadfile --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
