@@ -107,6 +107,21 @@ def test_the_strip_shows_how_much_was_observed_and_says_so_under_the_pointer(yar
     expect(page.locator(".tip")).to_contain_text("measurements in")
     page.mouse.move(x_of(page, gap, span), y)
     expect(page.locator(".tip")).to_contain_text("nothing observed")
+    with page.expect_response("**/density?*"):
+        page.get_by_role("button", name="Day", exact=True).click()
+    page.mouse.move(x_of(page, seen, span), y)
+    expect(page.locator(".tip")).to_contain_text("measurements in")
+
+
+def test_the_pointer_says_how_much_was_observed_as_soon_as_that_is_known(yard: Yard, page: Page) -> None:
+    page.route("**/density?*", lambda route: route.abort())
+    Viewer.open(page, yard.url, "yard", MORNING, dim=True)
+    span, y = whole_of(yard, page)
+    page.mouse.move(x_of(page, MORNING + timedelta(days=3), span), y)
+    expect(page.locator(".tip")).to_have_text(re.compile(r"^Tue 10 Mar, \d\d:\d\d:\d\d$"))
+    page.unroute("**/density?*")
+    page.keyboard.press("PageUp")
+    expect(page.locator(".tip")).to_contain_text("measurements in")
 
 
 # How many pixels of each column have the colour of what was observed.

@@ -1,8 +1,9 @@
 """Choices, kept as long as a test process lives: the same history always gives the same choice, on either database."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from hashlib import sha256
+from typing import Any
 
 import pytest
 
@@ -18,23 +19,13 @@ class KeptChoices:
     def __init__(self) -> None:
         self._kept: dict[tuple[object, ...], Choice] = {}
 
-    def __call__(
-        self,
-        history: History,
-        base: TimeBase,
-        orders: Sequence[int],
-        max_cells: int,
-        time_zone: str | None,
-        estimator: str,
-        check: Callable[[], None],
-        calendar: str | None,
-    ) -> Choice:
+    def __call__(self, history: History, base: TimeBase, *asked: Any) -> Choice:
+        *rest, check, calendar = asked
         planes = (history.observed, history.occupied, history.ended)
         digests = (None if plane is None else sha256(plane.tobytes()).digest() for plane in planes)
-        asked = (tuple(orders), max_cells, time_zone, estimator, calendar)
-        key = (history.start, history.n_samples, history.n_cells, *digests, base, *asked)
+        key = (history.start, history.n_samples, history.n_cells, *digests, base, *rest, calendar)
         if key not in self._kept:
-            self._kept[key] = choose(history, base, orders, max_cells, time_zone, estimator, check, calendar)
+            self._kept[key] = choose(history, base, *asked)
         check()
         return self._kept[key]
 

@@ -98,7 +98,7 @@ class _Rows:
     gradient: Matrix
     gain: Vector
 
-    def keep(self, which: NDArray[np.bool_]) -> None:
+    def keep(self, which: Flags) -> None:
         """Go on with some of them."""
         for each in fields(self):
             setattr(self, each.name, getattr(self, each.name)[which])

@@ -28,15 +28,19 @@ export function mount(element, state, go) {
   const redraw = () => {
     drawTimeline(canvas, state.values, near.density ?? far.density);
     drawWhole(whole, state.values, far.density);
+    say();
   };
   const [near, far] = [new DensityStrip(redraw), new DensityStrip(redraw)];
+  const say = hint(canvas, element, state, (moment, onWhole) => {
+    const close = onWhole ? null : countAt(near.density, moment);
+    return close ?? countAt(far.density, moment);
+  });
   state.subscribe(() => {
     count(state.values, near, far);
     redraw();
   });
   slide(element, state, go);
   press(canvas, element, state, go);
-  hint(canvas, element, state, () => near.density ?? far.density);
   brush(whole, state);
   element.addEventListener("wheel", (event) => wheel(event, canvas, state), { passive: false });
   const sizes = new ResizeObserver(redraw);
@@ -149,32 +153,41 @@ function press(canvas, element, state, go) {
 }
 
 /**
- * The time under the pointer, and what there is.
+ * The time under the pointer, and what there is. The answer says it again, for what is known may have changed.
  * @param {HTMLCanvasElement} canvas
  * @param {HTMLElement} element
  * @param {State<ViewState>} state
- * @param {() => import("../../../../types.d.ts").Density | null} density
+ * @param {(moment: number, onWhole: boolean) => ReturnType<typeof countAt>} observed
  */
-function hint(canvas, element, state, density) {
+function hint(canvas, element, state, observed) {
   const tip = document.createElement("output");
   tip.className = "tip";
   tip.hidden = true;
   element.append(tip);
-  element.addEventListener("pointermove", (event) => {
+  /** @type {{ x: number, onWhole: boolean } | null} */
+  let pointer = null;
+  const say = () => {
     const { grid, zone } = state.values;
-    if (!grid?.span) return;
-    const onWhole = /** @type {Element} */ (event.target).matches(".whole");
-    const x = at(canvas, event);
+    tip.hidden = !pointer || !grid?.span;
+    if (!pointer || !grid?.span) return;
+    const { x, onWhole } = pointer;
     const mark = onWhole ? null : markAt(canvas, state.values, x);
     const scale = onWhole ? timeScale(allOf(grid.span, grid.interval_s), canvas.clientWidth, MARGIN) : scaleOf(canvas, state.values);
     const moment = mark ? mark.start : scale.time(x);
-    const said = mark ? wordsOf(mark) : moment > grid.span.last ? "forecast" : observedText(countAt(density(), moment));
+    const said = mark ? wordsOf(mark) : moment > grid.span.last ? "forecast" : observedText(observed(moment, onWhole));
     tip.textContent = [momentText(moment, zoneOf(zone, grid.time_zone)), said].filter(Boolean).join(" · ");
-    tip.hidden = false;
     tip.style.left = `${Math.min(canvas.clientWidth - tip.offsetWidth, Math.max(0, x - tip.offsetWidth / 2))}px`;
     element.classList.toggle("on-mark", mark !== null);
+  };
+  element.addEventListener("pointermove", (event) => {
+    pointer = { x: at(canvas, event), onWhole: /** @type {Element} */ (event.target).matches(".whole") };
+    say();
   });
-  element.addEventListener("pointerleave", () => (tip.hidden = true));
+  element.addEventListener("pointerleave", () => {
+    pointer = null;
+    say();
+  });
+  return say;
 }
 
 /**
