@@ -141,7 +141,7 @@ class ServerFailedError(AssertionError):
 def clean_environment() -> dict[str, str]:
     """This process's environment without the caller's own Tidemap settings; posts may be of any time."""
     kept = {name: value for name, value in os.environ.items() if not name.startswith("TIDEMAP_")}
-    return kept | {"PYTHONUNBUFFERED": "1", "TIDEMAP_PAST_S": "1e11", "TIDEMAP_UPDATER": "false"}
+    return kept | {"PYTHONUNBUFFERED": "1", "TIDEMAP_PAST_S": "1e11"}
 
 
 def run_command(
