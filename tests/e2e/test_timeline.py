@@ -115,13 +115,17 @@ def test_the_strip_shows_how_much_was_observed_and_says_so_under_the_pointer(yar
 
 def test_the_pointer_says_how_much_was_observed_as_soon_as_that_is_known(yard: Yard, page: Page) -> None:
     page.route("**/density?*", lambda route: route.abort())
-    Viewer.open(page, yard.url, "yard", MORNING, dim=True)
+    viewer = Viewer.open(page, yard.url, "yard", MORNING, dim=True)
     span, y = whole_of(yard, page)
     page.mouse.move(x_of(page, MORNING + timedelta(days=3), span), y)
     expect(page.locator(".tip")).to_have_text(re.compile(r"^Tue 10 Mar, \d\d:\d\d:\d\d$"))
     page.unroute("**/density?*")
-    page.keyboard.press("PageUp")
-    expect(page.locator(".tip")).to_contain_text("measurements in")
+
+    def said() -> bool:
+        page.keyboard.press("PageUp")  # What failed is asked again, once it is known to have failed.
+        return "measurements in" in page.locator(".tip").inner_text()
+
+    viewer.until(said)
 
 
 # How many pixels of each column have the colour of what was observed.

@@ -153,7 +153,7 @@ function press(canvas, element, state, go) {
 }
 
 /**
- * The time under the pointer, and what there is. The answer says it again, for what is known may have changed.
+ * The time under the pointer, and what there is. Returns a function that says it again, for more may be known by then.
  * @param {HTMLCanvasElement} canvas
  * @param {HTMLElement} element
  * @param {State<ViewState>} state
@@ -168,14 +168,14 @@ function hint(canvas, element, state, observed) {
   let pointer = null;
   const say = () => {
     const { grid, zone } = state.values;
-    tip.hidden = !pointer || !grid?.span;
-    if (!pointer || !grid?.span) return;
+    if (!pointer || !grid?.span) return void (tip.hidden = true);
     const { x, onWhole } = pointer;
     const mark = onWhole ? null : markAt(canvas, state.values, x);
     const scale = onWhole ? timeScale(allOf(grid.span, grid.interval_s), canvas.clientWidth, MARGIN) : scaleOf(canvas, state.values);
     const moment = mark ? mark.start : scale.time(x);
     const said = mark ? wordsOf(mark) : moment > grid.span.last ? "forecast" : observedText(observed(moment, onWhole));
     tip.textContent = [momentText(moment, zoneOf(zone, grid.time_zone)), said].filter(Boolean).join(" · ");
+    tip.hidden = false;
     tip.style.left = `${Math.min(canvas.clientWidth - tip.offsetWidth, Math.max(0, x - tip.offsetWidth / 2))}px`;
     element.classList.toggle("on-mark", mark !== null);
   };
